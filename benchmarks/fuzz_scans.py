@@ -6,7 +6,6 @@ A case is a short run whose numbers all come from its seed, so that it can be re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache, partial
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -63,8 +62,6 @@ def sensing() -> list[tuple[str, str, Any, str]]:
     trackers = names("trackers")
     kinds: list[tuple[str, Any]] = [(name, {}) for name in names("detectors")]
     kinds += [("discs", {"shape": [0.3, 0.2], "others": [[0.2], [0.4]]})]
-    if find_spec("sklearn"):
-        kinds += [("discs", {"groups": "density"})]
     return [
         (f"detector {name}{' ' * bool(given)}{' '.join(map(str, given.values()))}",
          name, given, trackers[(k + turn) % len(trackers)])

@@ -157,13 +157,10 @@ def looks(recording: Recording, seconds: float, rng: np.random.Generator) -> Ite
 def pairs() -> dict[str, Callable[[], tuple[Detector, Tracker]]]:
     """Return the rows: a detector with a tracker."""
     discs = {"type": "discs", "shape": [RADIUS]}
-    density = {**discs, "groups": "density"}
     rows = [
         *(("discs", discs, name) for name in ("nearest", "obstacle_tracker", "kf_hungarian")),
         *(("chords", "chords", name) for name in ("nearest", "obstacle_tracker", "kf_hungarian")),
     ]
-    if find_spec("sklearn"):
-        rows.append(("discs by density", density, "nearest"))
     found: dict[str, Callable[[], tuple[Detector, Tracker]]] = {}
     for name, detector, tracker in rows:
         found[f"{name}, {tracker}"] = _builder(detector, tracker)

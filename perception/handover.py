@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, final
 
-from ..framework.values.arrays import number
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import checked_choice, number
 from ..framework.values.motion import Detection
 from ..framework.values.sensing import TrackedObstacle
 
@@ -40,8 +39,7 @@ class Handover:
     newest: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.kind not in ("measured", "filtered"):
-            raise WideberthError(f"handover.kind is {self.kind!r}; wanted measured or filtered")
+        checked_choice("handover.kind", self.kind, Literal["measured", "filtered"])
 
     def detections(
         self, obstacles: Sequence[TrackedObstacle], now: float
@@ -87,7 +85,11 @@ def _state(obstacle: TrackedObstacle, now: float) -> Detection:
     place, velocity = obstacle.state[:2], obstacle.state[2:]
     spread, age = obstacle.covariance[:2, :2], max(now - obstacle.time, 0.0)
     return Detection(
-        *(obstacle.ident, place, spread, obstacle.radius, age),
+        obstacle.ident,
+        place,
+        spread,
+        obstacle.radius,
+        age,
         velocity=velocity,
         state_covariance=obstacle.covariance,
     )

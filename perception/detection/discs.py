@@ -1,23 +1,16 @@
 """Discs of a known radius, fitted to groups of neighbouring points."""
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, final
+from typing import ClassVar, final
 
 import numpy as np
 
 from ...framework.detector import Detector
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Scan, Sightings
 from .disc_fit import DiscFit, DiscShape, box, cylinder, fit_disc
-from .groups import (
-    at_notches,
-    by_density,
-    by_gap,
-    deepest_of_noise,
-    density_library,
-    width,
-)
+from .groups import at_notches, by_gap, deepest_of_noise, width
 from .hits import DRIFT, TURN, Hits, IntArray, hits_of
 from .segments import segments_of
 
@@ -29,12 +22,19 @@ VAGUEST = 1.0
 """m, largest standard deviation of a centre that is of use."""
 UNLIKELY = 0.05
 """Share below which a shape does not make a body larger."""
+GAP = 0.1
+"""m, least distance that splits a group."""
+FEWEST = 3
+"""Least points of a group; with 5 a small robot vanishes beyond 8 m at 360 beams."""
 
 
 @final
 @dataclass(eq=False)
 class DiscDetector(Detector):
     """Finds bodies of known shapes: groups of points, and a disc fitted to each.
+
+    The poses within a scan err against each other by `DRIFT` in all directions, and by `TURN`
+    times the distance across the line of sight; a centre has that error too.
 
     A group of up to two bodies' width is split where its outline goes back between them
     (`at_notches`). What is wider than the body by more than `SLACK` is a wall: its points are
@@ -57,41 +57,19 @@ class DiscDetector(Detector):
     ----------
     shape : (radius,) of a cylinder, or (half length, half width) of a box, m.
     others : further shapes, each given likewise. All that moves is taken for one of them.
-    groups : "gap" splits the points where neighbours are apart (`by_gap`); "density" clusters
-        them by DBSCAN (`by_density`; needs scikit-learn), which does not mind their order, but
-        loses bodies whose points are more than 0.3 m apart.
-    gap : m, least distance that splits a group.
-    fewest : points of a group; with 5 a small robot vanishes beyond 8 m at 360 beams.
-    drift, turn : m and rad, by which the poses within a scan err against each other (standard
-        deviations). The error of a centre is the first one in all directions, and the second one
-        times its distance across the line of sight.
 
     Raises
     ------
-    WideberthError : a number that is not positive, a shape of another length, unknown groups,
-        or scikit-learn is wanted and not installed.
+    WideberthError : a number that is not positive, or a shape of another length.
     """
 
     reference: ClassVar[str] = "przybyla2017detection"
 
     shape: tuple[float, ...] = (0.3,)
     others: tuple[tuple[float, ...], ...] = ()
-    groups: Literal["gap", "density"] = "gap"
-    gap: float = 0.1
-    fewest: int = 3
-    drift: float = DRIFT
-    turn: float = TURN
     _shapes: tuple[DiscShape, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        positive("discs.gap", self.gap)
-        positive("discs.drift", self.drift, zero=True)
-        positive("discs.turn", self.turn, zero=True)
-        whole("discs.fewest", self.fewest)
-        if self.groups not in ("gap", "density"):
-            raise WideberthError(f"discs.groups is {self.groups!r}; wanted gap or density")
-        if self.groups == "density":
-            density_library()
         self._shapes = tuple(_shape(sizes) for sizes in (self.shape, *self.others))
 
     def reset(self) -> None:
@@ -103,7 +81,7 @@ class DiscDetector(Detector):
         found: list[tuple[Array, Array, float, float]] = []
         static: list[IntArray] = [np.zeros(0, dtype=np.int64)]
         widest = 2.0 * max(shape.radius for shape in self._shapes)
-        for whole_group in by_gap(hits, self.gap) if self.groups == "gap" else by_density(hits):
+        for whole_group in by_gap(hits, GAP):
             if width(hits.points[whole_group]) > 2.0 * widest + SLACK:
                 static.append(whole_group)
                 continue
@@ -113,7 +91,7 @@ class DiscDetector(Detector):
                 extent = width(group.points)
                 if extent > widest + SLACK:
                     static.append(index)
-                elif len(group) >= self.fewest:
+                elif len(group) >= FEWEST:
                     found += self._disc(group, scan.deviation, extent)
         positions, covariance, radius, times = zip(*found, strict=True) if found else ((),) * 4
         count = len(found)
@@ -128,7 +106,7 @@ class DiscDetector(Detector):
             np.reshape(times, count),
             hits.sensor,
             max(shape.lasting for shape in self._shapes),
-            segments_of(still, scan.deviation, self.drift, self.turn),
+            segments_of(still, scan.deviation, DRIFT, TURN),
         )
 
     def _disc(
@@ -158,8 +136,8 @@ class DiscDetector(Detector):
         """Return the fit of one shape, with all that makes its centre uncertain."""
         fit = fit_disc(group.points, group.origins, shape.fitted, deviation, shape.rough)
         sight = fit.centre - group.origins.mean(axis=0)
-        aside = self.turn * np.array([-sight[1], sight[0]])
-        spread = fit.covariance + self.drift**2 * np.eye(2) + np.outer(aside, aside)
+        aside = TURN * np.array([-sight[1], sight[0]])
+        spread = fit.covariance + DRIFT**2 * np.eye(2) + np.outer(aside, aside)
         return replace(fit, covariance=spread + shape.spread(sight))
 
 

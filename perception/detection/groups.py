@@ -2,18 +2,14 @@
 
 from itertools import pairwise
 from math import log, sqrt
-from typing import Any
 
 import numpy as np
 
-from ...framework.plugins.extras import from_extra
 from ...framework.values.arrays import Array
 from .hits import Hits, IntArray
 
 MISSING = 2
 """Most beams without a hit between two neighbours of a group."""
-REACH, CROWD = 0.3, 3
-"""m and points: `by_density` joins points with at least `CROWD` others within `REACH`."""
 
 
 def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray]:
@@ -57,40 +53,6 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
     order = np.roll(np.arange(count), -first)
     breaks = np.flatnonzero(~joined[order][:-1]) + 1
     return [np.asarray(part, dtype=np.int64) for part in np.split(order, breaks)]
-
-
-def by_density(hits: Hits) -> list[IntArray]:
-    """Group the points by DBSCAN of scikit-learn; in each group they are sorted by bearing.
-
-    Points that have too few others around them belong to no group.
-
-    References
-    ----------
-    Ester et al., "A density-based algorithm for discovering clusters", KDD 1996.
-    """
-    if not len(hits):
-        return []
-    labels: Array = density_library().DBSCAN(eps=REACH, min_samples=CROWD).fit(hits.points).labels_
-    groups = [np.flatnonzero(labels == name) for name in range(int(labels.max()) + 1)]
-    return [_by_bearing(hits, index) for index in groups]
-
-
-def _by_bearing(hits: Hits, index: IntArray) -> IntArray:
-    """Begin after the widest gap, so that a group on the seam of a scan is in order too."""
-    beams = hits.beams[index]
-    gaps = np.mod(beams - np.roll(beams, 1) - 1, max(hits.total, 1))
-    return np.roll(index, -int(gaps.argmax()))
-
-
-def density_library() -> Any:
-    """Return ``sklearn.cluster``.
-
-    Raises
-    ------
-    WideberthError : it is not installed.
-    """
-    need, otherwise = "groups by density need scikit-learn", "or choose groups: gap"
-    return from_extra("sklearn.cluster", "perception", need, otherwise)
 
 
 def at_notches(hits: Hits, index: IntArray, depth: float) -> list[IntArray]:

@@ -82,9 +82,15 @@ def hits_of(scan: Scan, poses: Array) -> tuple[Hits, str]:
     none = np.cumsum(~(scan.ranges[order] > 0.0))  # NaN is not either
     lost = np.diff(none[place], prepend=none[place[-1]] - none[-1]) if len(place) else place
     found = Hits(
-        *(beams.ends[chosen], beams.origins[chosen], scan.ranges[chosen], scan.times[chosen]),
-        *(place.astype(np.int64), lost.astype(np.int64), len(order), spacing),
-        beams.origins[known].mean(axis=0) if known.any() else None,
+        points=beams.ends[chosen],
+        origins=beams.origins[chosen],
+        ranges=scan.ranges[chosen],
+        times=scan.times[chosen],
+        beams=place.astype(np.int64),
+        lost=lost.astype(np.int64),
+        total=len(order),
+        spacing=spacing,
+        sensor=beams.origins[known].mean(axis=0) if known.any() else None,
     )
     if not len(order):
         return found, EMPTY

@@ -9,12 +9,15 @@ import numpy as np
 
 from ...framework.detector import Detector
 from ...framework.plugins.config import build
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon
 from ...framework.values.sensing import Scan, Sightings, beams_of
 from .hits import without
 from .segments import with_static
+
+TOLERANCE = 0.2
+"""m; more than the error of the pose in the map and of a range together."""
 
 
 @final
@@ -22,28 +25,25 @@ from .segments import with_static
 class OutsideMap(Detector):
     """Detects what a map does not show.
 
-    Points within ``tolerance`` of a polygon are static: they take no part in the detection of
+    Points within `TOLERANCE` of a polygon are static: they take no part in the detection of
     ``detector``. A person within that distance of a wall is not detected.
 
     Parameters
     ----------
     detector : finds bodies in what is left.
     polygons : of the map, in the frame of the poses.
-    tolerance : m; more than the error of the pose in the map and of a range together.
 
     Raises
     ------
-    WideberthError : a tolerance that is not positive, something else than polygons.
+    WideberthError : something else than polygons.
     """
 
     reference: ClassVar[str] = ""
 
     detector: Detector = field(default_factory=partial(build, "detectors", "discs"))
     polygons: tuple[Polygon, ...] = ()
-    tolerance: float = 0.2
 
     def __post_init__(self) -> None:
-        positive("outside_map.tolerance", self.tolerance)
         self.polygons = _all_polygons(self.polygons)
 
     def reset(self) -> None:
@@ -55,7 +55,7 @@ class OutsideMap(Detector):
         beams = beams_of(scan, poses)
         shown = beams.met
         if self.polygons:
-            shown[shown] = _distance(beams.ends[shown], self.polygons) < self.tolerance
+            shown[shown] = _distance(beams.ends[shown], self.polygons) < TOLERANCE
         else:
             shown[:] = False
         found = self.detector.detect(without(scan, shown), poses)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...framework.detector import Detector
 from ...framework.plugins.config import build
-from ...framework.values.arrays import Array, BoolArray, positive, probability, whole
+from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.sensing import Scan, Sightings, beams_of
 from .hits import without
 from .segments import with_static
@@ -17,8 +17,6 @@ STEEP = 1.0
 """m; between two beams whose ranges differ by more, nothing is known of what lies between."""
 FREE = 0.2
 """Share of the earlier scans that saw a place free, above which what stands there has come."""
-
-
 TOUCH = 0.5
 """m. A point as close as this to its static neighbour is of the same wall."""
 
@@ -72,48 +70,42 @@ def _spread(points: Array, static: BoolArray, may: BoolArray) -> BoolArray:
     return found
 
 
+SCANS = 30
+"""Earlier scans that are remembered."""
+SPAN = 3.0
+"""s; nothing is static before that much time has been seen."""
+SHARE = 0.5
+"""Of the scans, from which on what stood there is static."""
+TOLERANCE = 0.2
+"""m, between a point and what was met before."""
+
+
 @final
 @dataclass(eq=False)
 class OverTime(Detector):
     """Detects what has not stood there all the time.
 
-    A point is static if more than ``share`` of the last ``scans`` scans, over ``span`` s at least,
-    met something there (within ``tolerance``), unless a good part of them saw the place free:
+    A point is static if more than `SHARE` of the last `SCANS` scans, over `SPAN` s at least,
+    met something there (within `TOLERANCE`), unless a good part of them saw the place free:
     then a body has come and stands still, and counts as one that may move until it leaves. Beside
     static points a place that was never seen free is static too: the rest of a wall that comes
     out of a shadow. Static points take no part in the detection of ``detector``. The poses must
-    be in a frame that does not jump (odometry): errors of the pose over ``span`` count.
+    be in a frame that does not jump (odometry): errors of the pose over `SPAN` count.
 
     A body that has stood there since before the first scan counts as static until it moves.
 
     Parameters
     ----------
     detector : finds bodies in what is left.
-    scans : remembered.
-    span : s; nothing is static before that much time has been seen.
-    share : of the scans.
-    tolerance : m.
-
-    Raises
-    ------
-    WideberthError : a number out of range.
     """
 
     reference: ClassVar[str] = ""
 
     detector: Detector = field(default_factory=partial(build, "detectors", "discs"))
-    scans: int = 30
-    span: float = 3.0
-    share: float = 0.5
-    tolerance: float = 0.2
     _looks: list[_Look] = field(init=False, repr=False)
     _come: list[tuple[float, Array]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        whole("over_time.scans", self.scans)
-        positive("over_time.span", self.span)
-        positive("over_time.tolerance", self.tolerance)
-        probability("over_time.share", self.share)
         self._looks, self._come = [], []
 
     def reset(self) -> None:
@@ -143,31 +135,31 @@ class OverTime(Detector):
         nothing = np.zeros(len(points), dtype=np.bool_)
         if not len(points) or not self._looks:
             return nothing
-        if now - self._looks[0].time < self.span * (1.0 - 1e-6):
+        if now - self._looks[0].time < SPAN * (1.0 - 1e-6):
             return nothing
         met, free = np.zeros(len(points)), np.zeros(len(points))
         for look in self._looks:
-            was_met, was_free = look.at(points, self.tolerance)
+            was_met, was_free = look.at(points, TOLERANCE)
             met += was_met
             free += was_free
         count = len(self._looks)
-        stood, was_empty = met > self.share * count, free >= max(FREE * count, 1.0)
+        stood, was_empty = met > SHARE * count, free >= max(FREE * count, 1.0)
         come = stood & was_empty
-        self._come = [one for one in self._come if now - one[0] <= self.span]
+        self._come = [one for one in self._come if now - one[0] <= SPAN]
         for _, places in self._come:
             apart = np.linalg.norm(points[:, None] - places[None], axis=2)
-            come |= stood & (apart.min(axis=1, initial=np.inf) <= self.tolerance)
+            come |= stood & (apart.min(axis=1, initial=np.inf) <= TOLERANCE)
         if come.any():
             self._come.append((now, points[come]))
         return _spread(points, np.asarray(stood & ~come), np.asarray(~was_empty & ~come))
 
     def _remember(self, now: float, scan: Scan, origins: Array, directions: Array) -> None:
-        """Keep the scan, and drop those before the last ``scans`` within reach of ``span``."""
+        """Keep the scan, and drop those before the last `SCANS` within reach of `SPAN`."""
         known = np.isfinite(directions)
         azimuth = np.mod(directions[known], 2.0 * np.pi)
         order = np.argsort(azimuth, kind="stable")
         ranges = np.where(scan.met | np.isinf(scan.ranges), scan.ranges, np.nan)
         ranges = np.where(scan.ranges > scan.longest, np.inf, ranges)[known][order]
         self._looks.append(_Look(now, origins[known].mean(axis=0), azimuth[order], ranges))
-        while len(self._looks) > self.scans and now - self._looks[1].time >= self.span:
+        while len(self._looks) > SCANS and now - self._looks[1].time >= SPAN:
             del self._looks[0]

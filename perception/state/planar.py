@@ -2,14 +2,14 @@
 
 from abc import abstractmethod
 from bisect import bisect_right
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import inf, sqrt
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from ...framework.state_estimator import StateEstimator, checked_start
-from ...framework.values.arrays import Array, assembled, positive, probability
+from ...framework.values.arrays import Array, assembled, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import InertialSample, MotionEstimate, Sample, WheelSample
 from .model import BIAS, FORWARD, LATERAL, SIZE, SPEED, YAW_RATE, corrected, doubted, wrapped
@@ -55,6 +55,23 @@ class Belief(NamedTuple):
     inertial: tuple[int, float, float] = (0, 0.0, 0.0)
 
 
+_GATE = 1e-3
+"""Probability with which a good measurement is left out: nu^2 / S beyond the chi-squared quantile
+of one degree of freedom, 10.8. An acceleration steps with the
+command, of which the model knows nothing: for its test (1 m/s^2)^2 are added to S. What was left
+out makes the filter doubt itself, see `model.doubted`: a push that goes on is believed at the next
+update."""
+_MEMORY = 0.5
+"""s, how late a sample may come."""
+_INTERVAL = 0.025
+"""s, the shortest time between two updates. Wheels that are read more often lose nothing by it,
+since their angles are counted from the start."""
+_PATIENCE = 0.25
+"""s, the longest time over which angles are compared."""
+_OUTAGE = 1.0
+"""s, how far ahead the estimate is carried, and a clock may jump."""
+
+
 @dataclass(eq=False)
 class PlanarFilter(StateEstimator):
     """Estimates pose, speeds, accelerations and the gyro's bias from wheels and inertial unit.
@@ -75,10 +92,10 @@ class PlanarFilter(StateEstimator):
 
     What is left out, each with its reason: numbers that are none; a measurement outside the gate;
     a sensor that this filter does not read, or a second one of a kind; the same sample twice; the
-    speed of wheels of which nothing came for ``patience`` s (the inertial unit alone then makes
-    the updates). A sample that comes late, at most ``memory`` s after newer ones, is used: these
+    speed of wheels of which nothing came for `_PATIENCE` s (the inertial unit alone then makes
+    the updates). A sample that comes late, at most `_MEMORY` s after newer ones, is used: these
     are filtered again, so that the order in which they arrive makes no difference at all. One
-    that comes later still is left out. So is one whose clock is ahead by more than ``outage`` s,
+    that comes later still is left out. So is one whose clock is ahead by more than `_OUTAGE` s,
     until for that long no sample of another clock has come.
 
     Parameters
@@ -86,16 +103,6 @@ class PlanarFilter(StateEstimator):
     wheel_radius : m.
     noise : a name in `noise.SETTINGS`, or the numbers.
     rest : s after `reset` in which the gyro is calibrated; 0 for none.
-    gate : probability with which a good measurement is left out: nu^2 / S beyond the chi-squared
-        quantile of one degree of freedom, 10.8 at 0.001. 0 leaves nothing out. An acceleration
-        steps with the command, of which the model knows nothing: for its test (1 m/s^2)^2 are
-        added to S. What was left out makes the filter doubt itself, see `model.doubted`: a push
-        that goes on is believed at the next update.
-    memory : s, how late a sample may come.
-    interval : s, the shortest time between two updates. Wheels that are read more often lose
-        nothing by it, since their angles are counted from the start.
-    patience : s, the longest time over which angles are compared.
-    outage : s, how far ahead the estimate is carried, and a clock may jump.
 
     Raises
     ------
@@ -105,23 +112,14 @@ class PlanarFilter(StateEstimator):
     wheel_radius: float = 0.1
     noise: str | MotionNoise = "small"
     rest: float = 2.0
-    gate: float = 1e-3
-    memory: float = 0.5
-    interval: float = 0.025
-    patience: float = 0.25
-    outage: float = 1.0
 
     def __post_init__(self) -> None:
         from scipy.special import chdtri
 
         name = type(self).__name__.lower()
-        for entry in fields(self):
-            if entry.name not in ("noise", "gate"):
-                free = entry.name in ("rest", "memory", "interval")
-                positive(f"{name}.{entry.name}", getattr(self, entry.name), zero=free)
-        self._farthest = inf
-        if positive(f"{name}.gate", self.gate, zero=True):
-            self._farthest = float(chdtri(1, probability(f"{name}.gate", self.gate)))
+        positive(f"{name}.wheel_radius", self.wheel_radius)
+        positive(f"{name}.rest", self.rest, zero=True)
+        self._farthest = float(chdtri(1, _GATE))
         self._noise = noise = noise_of(self.noise)
         self._growth = np.array([
             *(noise.position, noise.position, noise.heading, noise.speed, noise.lateral_speed),
@@ -175,11 +173,11 @@ class PlanarFilter(StateEstimator):
         """Return the estimate of a time, s, carried on from the last sample before it.
 
         Its own time is another one where it cannot be of that time: the oldest that is remembered,
-        or ``outage`` s beyond the newest sample.
+        or `_OUTAGE` s beyond the newest sample.
         """
         self._check_started()
         newest = self._keys[-1][0]
-        time = min(time, newest + self.outage) if time == time else newest
+        time = min(time, newest + _OUTAGE) if time == time else newest
         belief = self._beliefs[max(bisect_right(self._keys, (time, 9, "")) - 1, 0)]
         time = max(time, belief.time)
         mean, covariance = self._carried_on(belief, time)
@@ -200,12 +198,12 @@ class PlanarFilter(StateEstimator):
     def _untimely(self, key: Key) -> str:
         """Return why a sample cannot be used at its time, "" where it can."""
         time, newest = key[0], self._keys[-1][0]
-        settled = max(self._keys[0], (newest - self.memory, -1, ""))
-        if time > newest + self.outage:
+        settled = max(self._keys[0], (newest - _MEMORY, -1, ""))
+        if time > newest + _OUTAGE:
             self._stray = min(time, self._stray if self._stray is not None else time)
             if time > newest + _LOST:
                 return f"its clock is {time - newest:.4g} s ahead: reset from a known pose"
-            if time < self._stray + self.outage:
+            if time < self._stray + _OUTAGE:
                 return f"its clock is {time - newest:.4g} s ahead of all samples so far"
         if key <= settled:
             return (
@@ -219,7 +217,7 @@ class PlanarFilter(StateEstimator):
 
     def _forget(self) -> None:
         """Drop what is older than the memory, but for the last belief before."""
-        settled = bisect_right(self._keys, (self._keys[-1][0] - self.memory, -1, "")) - 1
+        settled = bisect_right(self._keys, (self._keys[-1][0] - _MEMORY, -1, "")) - 1
         if settled > 0:
             del self._keys[:settled], self._samples[:settled], self._beliefs[:settled]
 
@@ -236,7 +234,7 @@ class PlanarFilter(StateEstimator):
         if belief.resting > -inf:
             waited = sample.time >= belief.resting
             return (self._rested(_settled(belief), sample.time) if waited else belief), ""
-        if sample.time - belief.time <= self.patience:
+        if sample.time - belief.time <= _PATIENCE:
             return belief, ""
         return self._updated(belief, sample.time, None)
 
@@ -256,11 +254,11 @@ class PlanarFilter(StateEstimator):
                 waited = sample.time >= belief.resting
                 return (self._rested(belief, sample.time) if waited else belief), ""
             belief = self._rested(belief, before.time)
-        if sample.time - belief.time < self.interval:
+        if sample.time - belief.time < _INTERVAL:
             return belief, ""
         since = sample.time - before.time
         belief = belief._replace(wheels=sample)
-        if since > self.patience:
+        if since > _PATIENCE:
             belief, reason = self._updated(belief, sample.time, None)
             silent = f"no wheels for {since:.3g} s: their speed is unknown"
             return belief, "; ".join(filter(None, (silent, reason)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...framework.plugins.config import ADVICE, build
 from ...framework.state_estimator import StateEstimator, checked_start, poses_at
-from ...framework.values.arrays import Array, BoolArray, assembled, positive, probability, whole
+from ...framework.values.arrays import Array, BoolArray, assembled
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon, edge_normals
 from ...framework.values.sensing import MotionEstimate, Sample, Scan
@@ -28,6 +28,15 @@ _ROUNDS = 8
 _STILL = 1e-5
 """m and rad: a step as small ends the search."""
 _WALLS = "the outlines of the map, such as [{vertices: [[0, 0], [8, 0], [8, 0.2], [0, 0.2]]}]"
+
+_BEAMS = 120
+"""Most of a scan that are used, evenly chosen."""
+_MAP_DEVIATION = 0.01
+"""m, how far the faces are from where the map has them."""
+_GATE = 1e-3
+"""Probability with which a point of a wall is left out."""
+_LEAST = 0.3
+"""Of the beams that met something, the share that has to fit the map."""
 
 
 @final
@@ -50,7 +59,7 @@ class ScanMatching(StateEstimator):
 
         min over x  sum_i (n_i . (R q_i + t - a_i))^2 / s_i^2  +  (x - x_0)^T C^-1 (x - x_0)
 
-    with s_i^2 = (deviation of the range along n_i)^2 + ``map_deviation``^2; the new C is the
+    with s_i^2 = (deviation of the range along n_i)^2 + `_MAP_DEVIATION`^2; the new C is the
     inverse of the information matrix, sum_i J_i^T J_i / s_i^2 + C^-1. Where the walls leave a
     direction open (a corridor), the matrix says so and the odometry decides. A scan that does not
     fit the map is left out, and the pose less sure after it, so that after a push or a slip the
@@ -60,33 +69,21 @@ class ScanMatching(StateEstimator):
     ----------
     walls : what stands still, polygons in the map's frame.
     odometry : estimates the motion; it is given every sample but the scans.
-    beams : most of a scan that are used, evenly chosen.
-    map_deviation : m, how far the faces are from where the map has them.
-    gate : probability with which a point of a wall is left out.
-    least : of the beams that met something, the share that has to fit the map.
 
     Raises
     ------
-    WideberthError : no walls, numbers out of range.
+    WideberthError : no walls.
     """
 
     reference: ClassVar[str] = "thrun2005probabilistic"
 
     walls: tuple[Polygon, ...] = field(metadata={ADVICE: _WALLS})
     odometry: StateEstimator = field(default_factory=partial(build, "state_estimators", "ekf"))
-    beams: int = 120
-    map_deviation: float = 0.01
-    gate: float = 1e-3
-    least: float = 0.3
 
     def __post_init__(self) -> None:
         from scipy.special import chdtri
 
-        whole("scan_matching.beams", self.beams, least=3)
-        positive("scan_matching.map_deviation", self.map_deviation, zero=True)
-        probability("scan_matching.least", self.least)
-        tail = probability("scan_matching.gate", self.gate)
-        self._farthest = float(chdtri(1, tail))
+        self._farthest = float(chdtri(1, _GATE))
         if not self.walls:
             raise WideberthError(
                 "scan_matching.walls is empty; wanted the polygons of a map: without one use the "
@@ -150,8 +147,8 @@ class ScanMatching(StateEstimator):
     def _points(self, scan: Scan, met: BoolArray, now: MotionEstimate) -> tuple[Array, Array]:
         """Return what the beams met, (K, 2) m, and their unit directions, both seen from now."""
         chosen = np.flatnonzero(met)
-        if len(chosen) > self.beams:
-            chosen = chosen[np.linspace(0, len(chosen) - 1, self.beams).round().astype(int)]
+        if len(chosen) > _BEAMS:
+            chosen = chosen[np.linspace(0, len(chosen) - 1, _BEAMS).round().astype(int)]
         poses = poses_at(self.odometry, scan.times[chosen])
         from_now = _between(now.pose, poses)
         heading = from_now[:, 2]
@@ -176,10 +173,10 @@ class ScanMatching(StateEstimator):
             off, normals = self._faces.nearest(laid + pose[:2], looking)
             lever = normals[:, 1] * laid[:, 0] - normals[:, 0] * laid[:, 1]
             slopes = np.column_stack([normals, lever])
-            across = (noise * (looking * normals).sum(axis=1)) ** 2 + self.map_deviation**2
+            across = (noise * (looking * normals).sum(axis=1)) ** 2 + _MAP_DEVIATION**2
             allowed = across + np.einsum("ki,ij,kj->k", slopes, spread, slopes)
             fits = off * off < self._farthest * allowed
-            if fits.sum() < max(3.0, self.least * len(points)):
+            if fits.sum() < max(3.0, _LEAST * len(points)):
                 return f"{int(fits.sum())} of {len(points)} beams fit the map"
             slopes, off, weights = slopes[fits], off[fits], 1.0 / across[fits]
             information = (slopes.T * weights) @ slopes + known

@@ -118,7 +118,7 @@ class KfHungarian(Tracker):
                 one = self._predicted(track, time - self._now)
                 found.append(
                     TrackedObstacle(
-                        *(one.ident, time, one.state, one.covariance, one.radius, one.seen)
+                        one.ident, time, one.state, one.covariance, one.radius, one.seen
                     )
                 )
         return tuple(found)
@@ -152,6 +152,12 @@ class KfHungarian(Tracker):
         place = seen.positions[index]
         covariance = np.diag([self.noise, self.noise, self.speed, self.speed])
         return _Track(
-            *(str(self._born), np.concatenate([place, np.zeros(2)]), covariance, place),
-            *(np.zeros(2), float(seen.radius[index]), float(seen.times[index]), 0),
+            ident=str(self._born),
+            state=np.concatenate([place, np.zeros(2)]),
+            covariance=covariance,
+            place=place,
+            velocity=np.zeros(2),
+            radius=float(seen.radius[index]),
+            seen=float(seen.times[index]),
+            missed=0,
         )

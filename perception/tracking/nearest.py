@@ -7,7 +7,6 @@ import numpy as np
 
 from ...framework.tracker import Tracker
 from ...framework.values.arrays import Array, BoolArray, positive, whole
-from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Sightings, TrackedObstacle
 from .motion import carried, checked_instant, corrected, in_order, out_of_order
 
@@ -61,6 +60,18 @@ class _Track:
     measured: tuple[_Measured, ...]
 
 
+GATE = 13.8
+"""Of d^2: lets 99.9 % of the right ones through."""
+NEEDED = 3
+"""Sightings that confirm a track."""
+MEMORY, HIDING = 1.0, 2.0
+"""s for which a track is kept after it was seen last, and behind something nearer."""
+HISTORY = 10.0
+"""s of measurements that are handed on."""
+SPEED = 1.0
+"""m/s per axis, standard deviation of the first velocity."""
+
+
 @final
 @dataclass(eq=False)
 class Nearest(Tracker):
@@ -70,13 +81,13 @@ class Nearest(Tracker):
     With innovation v and its covariance S, all sightings are assigned at once (Hungarian
     algorithm) at the cost
 
-    d^2 + ln det S,   d^2 = v' S^-1 v,   allowed where d^2 < ``gate``
+    d^2 + ln det S,   d^2 = v' S^-1 v,   allowed where d^2 < `GATE`
 
     (minus twice the log likelihood, but for a constant). The filter is updated in Joseph's form.
-    A sighting without a track begins one, which is confirmed after ``needed`` sightings in the
+    A sighting without a track begins one, which is confirmed after `NEEDED` sightings in the
     last ``window`` scans, and dropped after 2 scans without one in a row, or ``window`` scans
-    without being confirmed. A confirmed one is kept ``memory`` s after it was seen last, and
-    ``hidden`` s where something nearer stands before it.
+    without being confirmed. A confirmed one is kept `MEMORY` s after it was seen last, and
+    `HIDING` s where something nearer stands before it.
 
     Measurements are handed on as of the instant of their scan, which all of them share:
     z + v (T - t) with covariance R + (T - t)^2 P_v. Two obstacles of one scan then have one age.
@@ -85,15 +96,11 @@ class Nearest(Tracker):
     Parameters
     ----------
     acceleration_density : q, m^2/s^3. 0.2 suits people who walk and turn; a slow robot has 0.02.
-    gate : of d^2; 13.8 lets 99.9 % of the right ones through.
-    speed : m/s per axis, standard deviation of the first velocity.
-    needed, window : sightings, scans.
-    memory, hidden : s.
-    history : s of measurements that are handed on.
+    window : scans of which `NEEDED` confirm a track.
 
     Raises
     ------
-    WideberthError : a number out of range, more sightings needed than scans.
+    WideberthError : a number out of range.
 
     References
     ----------
@@ -103,26 +110,15 @@ class Nearest(Tracker):
     reference: ClassVar[str] = "blackman1999design"
 
     acceleration_density: float = 0.2
-    gate: float = 13.8
-    speed: float = 1.0
-    needed: int = 3
     window: int = 5
-    memory: float = 1.0
-    hidden: float = 2.0
-    history: float = 10.0
     _tracks: list[_Track] = field(init=False, repr=False)
     _now: float = field(init=False, repr=False)
     _born: int = field(init=False, repr=False)
     _lasting: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("acceleration_density", "gate", "speed", "memory", "hidden", "history"):
-            positive(f"nearest.{name}", getattr(self, name))
-        whole("nearest.window", self.window)
-        if whole("nearest.needed", self.needed) > self.window:
-            raise WideberthError(
-                f"nearest.needed is {self.needed}; wanted at most window, {self.window}"
-            )
+        positive("nearest.acceleration_density", self.acceleration_density)
+        whole("nearest.window", self.window, least=NEEDED)
         self.reset()
 
     def reset(self) -> None:
@@ -132,14 +128,14 @@ class Nearest(Tracker):
 
     def update(self, sightings: Sightings) -> str:
         """Assign the sightings of a scan; see `Tracker.update`."""
-        note, anew = out_of_order(sightings.time, self._now, self.memory)
+        note, anew = out_of_order(sightings.time, self._now, MEMORY)
         if note and not anew:
             return note
         if anew:
             self._tracks = []
         self._now, self._lasting = sightings.time, sightings.lasting
         # Carried over a long gap a track would be so vague that any sighting fits it.
-        held = max(self.memory, self.hidden)
+        held = max(MEMORY, HIDING)
         self._tracks = [one for one in self._tracks if self._now - one.time <= held]
         seen = in_order(sightings)
         pairs = self._assigned(seen)
@@ -159,7 +155,7 @@ class Nearest(Tracker):
         checked_instant(time)
         found = []
         for track in self._tracks:
-            if track.confirmed and time - track.time <= max(self.memory, self.hidden):
+            if track.confirmed and time - track.time <= max(MEMORY, HIDING):
                 found.append(self._handed(track, time))
         return tuple(found)
 
@@ -193,7 +189,7 @@ class Nearest(Tracker):
             - 2.0 * total[:, 0, 1] * gap[:, 0] * gap[:, 1]
             + total[:, 0, 0] * gap[:, 1] ** 2
         ) / determinant
-        return np.where(square < self.gate, square + np.log(determinant), FORBIDDEN)
+        return np.where(square < GATE, square + np.log(determinant), FORBIDDEN)
 
     def _shadowed(self, seen: Sightings) -> BoolArray:
         """Return which tracks are hidden, as seen from the sensor, by something nearer.
@@ -222,14 +218,14 @@ class Nearest(Tracker):
     def _alive(self, track: _Track, shadowed: bool) -> bool:
         """Return whether a track is kept after a scan."""
         if track.confirmed:
-            return self._now - track.time <= (self.hidden if shadowed else self.memory)
+            return self._now - track.time <= (HIDING if shadowed else MEMORY)
         return track.lately[-2:] != (False, False) and len(track.lately) < self.window
 
     def _begun(self, seen: Sightings, index: int) -> _Track:
         """Return a new track at rest where something was seen for the first time."""
         self._born += 1
         state = np.concatenate([seen.positions[index], np.zeros(2)])
-        covariance = np.diag([0.0, 0.0, self.speed**2, self.speed**2])
+        covariance = np.diag([0.0, 0.0, SPEED**2, SPEED**2])
         covariance[:2, :2] = seen.covariance[index]
         time, radius = float(seen.times[index]), float(seen.radius[index])
         track = _Track(
@@ -252,11 +248,11 @@ class Nearest(Tracker):
     def _kept(self, track: _Track, seen: Sightings, index: int) -> _Track:
         """Count a sighting and keep its measurement."""
         lately = (*track.lately, True)[-self.window :]
-        confirmed = track.confirmed or sum(lately) >= self.needed
+        confirmed = track.confirmed or sum(lately) >= NEEDED
         motion = track.state[2:], track.covariance[2:, 2:]
         place, noise = seen.positions[index], seen.covariance[index]
         new = _Measured(seen.time, float(seen.times[index]), place, noise, *motion)
-        measured = [one for one in track.measured if one.scan >= seen.time - self.history]
+        measured = [one for one in track.measured if one.scan >= seen.time - HISTORY]
         if confirmed and not track.confirmed:  # now it is known how it moved all the while
             measured = [_Measured(*one[:4], *motion) for one in measured]
         return replace(
@@ -277,8 +273,15 @@ class Nearest(Tracker):
         )
         late = (scans - times)[:, None]
         return TrackedObstacle(
-            *(track.ident, time, state, covariance, track.radius, track.time, scans),
-            *(places + late * velocities, noises + late[..., None] ** 2 * drifts),
+            ident=track.ident,
+            time=time,
+            state=state,
+            covariance=covariance,
+            radius=track.radius,
+            seen=track.time,
+            times=scans,
+            measured=places + late * velocities,
+            noise=noises + late[..., None] ** 2 * drifts,
         )
 
 

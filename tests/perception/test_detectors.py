@@ -1,6 +1,5 @@
 """Detectors against rays on discs and boxes whose place is known."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +11,7 @@ from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.testing.detector import check_detector
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.perception.detection import discs
 from wideberth.perception.detection.chords import Chords
 from wideberth.perception.detection.disc_fit import box, cylinder, fit_disc
 from wideberth.perception.detection.discs import DiscDetector
@@ -32,11 +32,6 @@ STANDING = np.zeros((360, 3))
 @pytest.mark.parametrize(("detector", "law"), CONTRACT.cases())
 def test_contract(detector: str, law: str) -> None:
     CONTRACT.check(detector, law)
-
-
-def test_density_keeps_the_contract() -> None:
-    pytest.importorskip("sklearn", reason="groups by density need scikit-learn")
-    check_detector(DiscDetector(groups="density"))
 
 
 def test_the_contract_finds_a_detector_that_does_not_turn() -> None:
@@ -85,24 +80,34 @@ def errors(
     return np.array(found), np.array(squares)
 
 
+def exact_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the poses within a scan not err."""
+    monkeypatch.setattr(discs, "DRIFT", 0.0)
+    monkeypatch.setattr(discs, "TURN", 0.0)
+
+
 @pytest.mark.parametrize("radius", [0.3, 0.75])
 @pytest.mark.parametrize("distance", [3.0, 8.0])
 def test_cylinders_are_found_without_bias_and_as_sure_as_stated(
-    radius: float, distance: float
+    radius: float, distance: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two degrees of freedom: NEES is 2 on average, with variance 4 / n."""
-    found, squares = errors(DiscDetector((radius,), drift=0.0, turn=0.0), distance, 150, 1, radius)
+    exact_poses(monkeypatch)
+    found, squares = errors(DiscDetector((radius,)), distance, 150, 1, radius)
     assert len(found) == 150
     assert np.abs(found.mean(axis=0)).max() < 1e-3
     assert abs(squares.mean() - 2.0) < 3.0 * 2.0 / np.sqrt(len(squares))
     assert found.std(axis=0).max() < 0.01
 
 
-def test_poses_that_err_within_a_scan_widen_the_covariance() -> None:
+def test_poses_that_err_within_a_scan_widen_the_covariance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """1 mm in all directions, and 0.5 mrad of the distance across the line of sight."""
     scan = scan_of(STANDING, np.random.default_rng(2), [([0.0, 10.0], 0.75)])
-    exact = DiscDetector((0.75,), drift=0.0, turn=0.0).detect(scan, STANDING).covariance[0]
-    more = DiscDetector((0.75,)).detect(scan, STANDING).covariance[0] - exact
+    more = DiscDetector((0.75,)).detect(scan, STANDING).covariance[0]
+    exact_poses(monkeypatch)
+    more = more - DiscDetector((0.75,)).detect(scan, STANDING).covariance[0]
     np.testing.assert_allclose(more, np.diag([1e-6 + 0.005**2, 1e-6]), atol=1e-7)
 
 
@@ -236,7 +241,10 @@ def test_lost_beams_split_no_body_until_three_in_a_row() -> None:
         assert len(by_gap(hits_of(replace(scan, ranges=ranges), STANDING)[0], 0.1)) == count
 
 
-def test_two_who_touch_are_split_at_the_notch_between_them() -> None:
+def test_two_who_touch_are_split_at_the_notch_between_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(discs, "GAP", 0.4)
     rng = np.random.default_rng(20)
     for bearing in np.linspace(-3.0, 3.0, 12):
         aside = 0.32 * away(1.0, bearing + np.pi / 2)
@@ -247,7 +255,7 @@ def test_two_who_touch_are_split_at_the_notch_between_them() -> None:
         assert [len(part) for part in at_notches(hits, group, 0.05)] == pytest.approx(
             [len(group) / 2] * 2, abs=1.5
         )
-        seen = DiscDetector(gap=0.4).detect(scan, STANDING)
+        seen = DiscDetector().detect(scan, STANDING)
         order = np.argsort((seen.positions - away(4.0, bearing)) @ -aside)
         np.testing.assert_allclose(seen.positions[order], both, atol=0.06)
 
@@ -314,23 +322,6 @@ def test_wide_groups_stand_still() -> None:
     seen = DiscDetector().detect(scan, STANDING)
     assert len(seen.positions) == 1 and len(seen.static) > 30
     assert np.abs(seen.static[:, 0] - 4.0).max() < 0.06
-
-
-def test_density_finds_the_same_bodies() -> None:
-    pytest.importorskip("sklearn", reason="groups by density need scikit-learn")
-    rng = np.random.default_rng(11)
-    scan = scan_of(STANDING, rng, [([3.0, 0.4], 0.3), ([-2.0, 5.0], 0.3)])
-    gap, density = (
-        DiscDetector(groups=kind).detect(scan, STANDING) for kind in ("gap", "density")
-    )
-    order = [np.argsort(one.positions[:, 0]) for one in (gap, density)]
-    np.testing.assert_allclose(density.positions[order[1]], gap.positions[order[0]], atol=1e-9)
-
-
-def test_density_without_the_library_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
-    with pytest.raises(WideberthError, match=r"'\.\[perception\]'.*groups: gap"):
-        DiscDetector(groups="density")
 
 
 def test_the_published_rule() -> None:
@@ -422,10 +413,6 @@ def test_a_clock_that_goes_back_forgets_what_stood() -> None:
 def test_bad_settings_are_refused() -> None:
     with pytest.raises(WideberthError, match=r"discs.shape is \(\); wanted \(radius,\)"):
         DiscDetector(())
-    with pytest.raises(WideberthError, match=r"discs\.groups is 'k-means'; wanted gap or density"):
-        DiscDetector(groups="k-means")  # type: ignore[arg-type]
-    with pytest.raises(WideberthError, match=r"over_time\.share"):
-        OverTime(share=1.5)
     with pytest.raises(WideberthError, match="holds a str; wanted Polygon"):
         OutsideMap(polygons=("wall",))  # type: ignore[arg-type]
 

@@ -17,6 +17,7 @@ from wideberth.framework.values.sensing import Scan, Sightings, TrackedObstacle
 from wideberth.metrics.tracking import nees, track_scores
 from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.handover import Handover
+from wideberth.perception.tracking import nearest
 from wideberth.perception.tracking.kf_hungarian import KfHungarian
 from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.perception.tracking.nearest import Nearest
@@ -188,9 +189,10 @@ def test_after_a_long_gap_nobody_is_taken_for_somebody_else() -> None:
     assert one.ident != "1" and np.hypot(*one.state[2:]) < 0.1
 
 
-def test_all_sightings_are_assigned_at_once() -> None:
+def test_all_sightings_are_assigned_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The nearest pair taken first would leave the other track without a sighting."""
-    tracker = Nearest(gate=1e4)
+    monkeypatch.setattr(nearest, "GATE", 1e4)
+    tracker = Nearest()
     for number in range(1, 6):
         tracker.update(sightings(0.1 * number, [[0.0, 0.0], [1.0, 0.0]], deviation=0.2))
     tracker.update(sightings(0.6, [[0.55, 0.0], [1.9, 0.0]], deviation=0.2))
@@ -248,10 +250,10 @@ def test_measurements_are_handed_on_as_of_the_instant_of_their_scan() -> None:
 
 
 def test_history_is_bounded() -> None:
-    tracker = Nearest(history=2.0)
-    followed(tracker, 10.0)
-    (one,) = tracker.at(10.0)
-    assert len(one.times) == 21 and one.times[0] == pytest.approx(8.0)
+    tracker = Nearest()
+    followed(tracker, 12.0)
+    (one,) = tracker.at(12.0)
+    assert len(one.times) == 101 and one.times[0] == pytest.approx(2.0)
 
 
 def drive(
@@ -401,7 +403,7 @@ def test_filtered_states_are_handed_on_with_their_covariance() -> None:
     assert tracks is not None
     forecast = Kalman().predict(tracks, 2)
     np.testing.assert_allclose(forecast.mean[0, 0, 1], one.state[:2] + 1.0 * one.state[2:])
-    with pytest.raises(WideberthError, match=r"handover\.kind is 'raw'; wanted measured or"):
+    with pytest.raises(WideberthError, match=r"handover\.kind is 'raw'; wanted one of measured"):
         Handover("raw")  # type: ignore[arg-type]
 
 
@@ -537,8 +539,8 @@ def test_two_who_cross_keep_their_identities() -> None:
 
 
 def test_bad_settings_are_refused() -> None:
-    with pytest.raises(WideberthError, match=r"nearest\.needed is 6; wanted at most window, 5"):
-        Nearest(needed=6)
+    with pytest.raises(WideberthError, match=r"nearest\.window is 2; wanted a whole number of at"):
+        Nearest(window=2)
     with pytest.raises(WideberthError, match=r"obstacle_tracker\.rate is 0"):
         ObstacleTracker(rate=0.0)
     with pytest.raises(WideberthError, match=r"time is nan; wanted the instant"):

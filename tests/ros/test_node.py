@@ -415,7 +415,7 @@ def test_bad_settings_are_named(given: Any, cause: str) -> None:
         (ObstacleTopic, {"topic": ""}, "wanted a topic"),
         (ObstacleTopic, {"radius": 0.0}, "node.sees.radius"),
         (ScanTopic, {"topic": "scan"}, "wanted a topic"),
-        (ScanTopic, {"handover": "both"}, "wanted measured or filtered"),
+        (ScanTopic, {"handover": "both"}, "wanted one of measured, filtered"),
         (ScanTopic, {"deviation": -1.0}, "node.sees.deviation"),
         (PathTopic, {"topic": "plan"}, "wanted a topic"),
         (GoalTopic, {"topic": "goal"}, "wanted a topic"),

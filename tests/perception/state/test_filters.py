@@ -10,6 +10,7 @@ from wideberth.framework.numerics.integration import slopes
 from wideberth.framework.plugins.config import build
 from wideberth.framework.state_estimator import poses_at
 from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+from wideberth.perception.state import planar
 from wideberth.perception.state.model import (
     FORWARD,
     LATERAL,
@@ -96,7 +97,7 @@ def unwrapped_difference(one, other):
     return np.abs(off).max()
 
 
-def test_ekf_equals_filterpy():
+def test_ekf_equals_filterpy(monkeypatch):
     from filterpy.kalman import ExtendedKalmanFilter
 
     class Planar(ExtendedKalmanFilter):
@@ -104,7 +105,8 @@ def test_ekf_equals_filterpy():
             self.x = np.array(moved(self.x, self.dt))
 
     noise = SETTINGS["small"]
-    estimator, samples = made(rest=0.0, gate=0.0), wild_samples(np.random.default_rng(1))
+    monkeypatch.setattr(planar, "_GATE", 0.0)
+    estimator, samples = made(rest=0.0), wild_samples(np.random.default_rng(1))
     oracle = Planar(9, 1)
     oracle.x, oracle.P = np.zeros(9), started(noise)
     steps = {time: (dt, measured) for time, dt, measured in ticks(samples, noise)}
@@ -126,11 +128,12 @@ def test_ekf_equals_filterpy():
     assert spread < 1e-12, spread
 
 
-def test_ukf_equals_filterpy():
+def test_ukf_equals_filterpy(monkeypatch):
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     noise = SETTINGS["small"]
-    estimator, samples = made("ukf", rest=0.0, gate=0.0), wild_samples(np.random.default_rng(2))
+    monkeypatch.setattr(planar, "_GATE", 0.0)
+    estimator, samples = made("ukf", rest=0.0), wild_samples(np.random.default_rng(2))
     oracle = UnscentedKalmanFilter(
         9, 4, 0.0, hx=None, fx=lambda x, dt: np.array(moved(x, dt)),
         points=MerweScaledSigmaPoints(9, 1.0, 2.0, 0.0),

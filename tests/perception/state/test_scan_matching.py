@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+from wideberth.perception.state import scan_matching
 from wideberth.tests.helpers.driven import block, cast, driven, in_order, room, scans
 
 WALLS = room()
@@ -33,15 +34,15 @@ def error(estimator, drive):
     return off
 
 
-def test_equals_least_squares_on_distances_to_the_outlines():
+def test_equals_least_squares_on_distances_to_the_outlines(monkeypatch):
     """An optimiser that knows nothing of faces: distances of the points to the walls' outlines."""
     rng = np.random.default_rng(1)
     truth = np.array([0.03, -0.02, 0.01])
     scan = standing_scan(WALLS, truth, rng)
     noise = {"start": 1.0, "start_speed": 1e-9, "start_acceleration": 1e-9}
-    estimator = made(
-        odometry={"type": "ekf", "noise": noise}, beams=240, gate=1e-9, map_deviation=1.0
-    )
+    for name, value in (("_BEAMS", 240), ("_GATE", 1e-9), ("_MAP_DEVIATION", 1.0)):
+        monkeypatch.setattr(scan_matching, name, value)
+    estimator = made(odometry={"type": "ekf", "noise": noise})
     prior = estimator.at(1.0).covariance[:3, :3]
     assert not estimator.take(scan)
     found = estimator.at(1.0)
@@ -64,13 +65,14 @@ def test_equals_least_squares_on_distances_to_the_outlines():
 
 
 @pytest.mark.parametrize("runs", [20])
-def test_drift_is_bounded_and_nees_in_its_band(runs):
+def test_drift_is_bounded_and_nees_in_its_band(runs, monkeypatch):
     """After 20 s the odometry is off by centimetres and more; the map holds it to millimetres."""
+    monkeypatch.setattr(scan_matching, "_MAP_DEVIATION", 0.0)
     nees, matched, dead = [], [], []
     for run in range(runs):
         rng = np.random.default_rng([2, run])
         drive = driven(rng, 20.0, wander=1.0)
-        estimator = made(map_deviation=0.0)
+        estimator = made()
         for sample in in_order(drive.samples, scans(drive, WALLS, rng, beams=90)):
             assert not estimator.take(sample)
         off, found = error(estimator, drive), estimator.at(drive.times[-1])
@@ -155,9 +157,6 @@ def test_a_late_scan_and_one_of_no_known_time_are_left_out():
     ("settings", "message"),
     [
         ({"walls": []}, "walls is empty"),
-        ({"beams": 2}, "beams is 2"),
-        ({"gate": 0.0}, "gate is 0"),
-        ({"map_deviation": -1.0}, "map_deviation is -1"),
     ],
 )
 def test_bad_settings_name_themselves(settings, message):

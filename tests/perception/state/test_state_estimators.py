@@ -16,7 +16,7 @@ ESTIMATORS = {
     "ekf, robot_localization": {"type": "ekf", "noise": "robot_localization"},
     "scan_matching": {"type": "scan_matching", "walls": SQUARE},
     "ukf": {"type": "ukf"},
-    "ukf, no rest and no gate": {"type": "ukf", "rest": 0.0, "gate": 0.0},
+    "ukf, no rest": {"type": "ukf", "rest": 0.0},
 }
 CONTRACT = Contract(
     {name: partial(build, "state_estimators", config) for name, config in ESTIMATORS.items()},
@@ -49,7 +49,6 @@ def test_noise_comes_by_name_or_as_numbers():
     [
         ({"wheel_radius": 0.0}, r"ekf.wheel_radius is 0; wanted a finite number above 0"),
         ({"rest": -1.0}, r"ekf.rest is -1"),
-        ({"gate": 1.0}, r"ekf.gate is 1; a probability"),
         ({"noise": {"wheels": 0.0}}, r"motion_noise.wheels is 0"),
         ({"noise": {"gyro": 0.0, "jitter": 0.0}}, r"gyro and motion_noise.jitter are both 0"),
     ],
