@@ -2,19 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, Self, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
 from ..framework.values.arrays import Array, positive, whole
-from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive, with_fallback
-from .core.history import Histories, gather
+from .core.history import NOISE_FLOOR, Histories, gather
 from .core.least_squares import complete_rows, lagged, regress
-from .core.own_step import ForecastFn, at_own_step
 from .core.pattern_search import fit_numbers
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
@@ -97,8 +95,14 @@ def posterior(prior: Prior, velocities: Array, past: Histories) -> Posterior:
     innovation = scale / (prior.samples + rows)[:, None, None]
     solution = np.moveaxis(found.solution, 2, 0)
     lags = solution.reshape(count, order, size, size).swapaxes(2, 3)
-    process = VelocityProcess(lags, innovation, np.zeros((count, size)))
+    process = VelocityProcess(lags, innovation)
     return Posterior(process, np.ascontiguousarray(np.moveaxis(found.root, 2, 0)))
+
+
+HISTORY = 20
+"""Newest grid samples used. Obstacles change their ways: with 80 samples of recorded robots the
+forecasts from the newest 20 were likelier (3.38 against 3.26 nat per step); let it grow where
+`VectorAutoregression` is the truth."""
 
 
 @final
@@ -109,8 +113,7 @@ class BayesianVectorAutoregression(Fittable):
     v_h = A_1 v_{h-1} + A_2 v_{h-2} + u_h,   u_h ~ N(0, Sigma_u)
 
     B = [A_1 A_2]' and Sigma_u have the conjugate prior `Prior`, whose mean is constant
-    velocity (A_1 = I, A_2 = 0) or the process of all recorded tracks (isotropic: nothing else
-    turns with the world), and each obstacle's own history the `posterior`. With few samples
+    velocity (A_1 = I, A_2 = 0), and each obstacle's own history the `posterior`. With few samples
     the forecast is the prior's, with many that of the `VectorAutoregression` fitted by least
     squares. A short history already determines Sigma_u, how much this obstacle's velocity
     changes; its coefficients need a far longer one.
@@ -125,33 +128,24 @@ class BayesianVectorAutoregression(Fittable):
 
     It works unfitted. `fit` replaces ``acceleration_density`` and ``samples`` by the two numbers
     with which forecasts of windows (8 samples seen, 12 predicted) give what then happened the
-    highest mean log likelihood, and learns the process of the pooled mean.
+    highest mean log likelihood.
 
-    Left to ``fallback``, with a reason: obstacles of fewer than p + 1 samples. With a pooled mean,
-    tracks whose step differs from the recordings' are resampled to it (`at_own_step`).
+    Left to ``fallback``, with a reason: obstacles of fewer than p + 1 samples.
 
     Parameters
     ----------
     order : p.
-    prior_mean : "constant_velocity", or "pooled": as in `PooledVectorAutoregression`, once
-        fitted (unfitted that is constant velocity, too).
     deviation : tau, the prior standard deviation of a coefficient. Z'Z must reach s^2 / tau^2,
         in (m/s)^2, before a history moves the coefficients half of the way. It is a setting:
         learnt on some places it did worse on others than this one (final error of recorded
         people 4.8 s ahead 0.98 m against 0.97 m).
     acceleration_density : q, m^2/s^3; the prior has s^2 = q dT.
     samples : n_0, by how many rows of its own an obstacle's Sigma_u is half its own.
-    history : newest grid samples used. Obstacles change their ways: with 80 samples of recorded
-        robots the forecasts from the newest 20 were likelier (3.38 against 3.26 nat per step);
-        let it grow where `VectorAutoregression` is the truth.
-    noise_floor : m, added in quadrature to the measurement noise.
     fallback : predictor for the obstacles it cannot serve.
-    fitted : the process of the pooled mean, as `fit` leaves it; of its numbers the innovation is
-        not used.
 
     Raises
     ------
-    WideberthError : an unknown option, a number out of range, ``fitted`` of another order.
+    WideberthError : a number out of range.
 
     References
     ----------
@@ -160,33 +154,18 @@ class BayesianVectorAutoregression(Fittable):
     """
 
     order: int = 2
-    prior_mean: Literal["constant_velocity", "pooled"] = "constant_velocity"
     deviation: float = 0.005
     acceleration_density: float = 0.02
     samples: float = 6.0
-    history: int = 20
-    noise_floor: float = 0.01
     fallback: Predictor = field(default_factory=Kalman)
-    fitted: IsotropicProcess | None = None
 
     reference: ClassVar[str] = "kadiyala1997bayesian"
 
     def __post_init__(self) -> None:
         refuse_adaptive("bayesian_var.fallback", self.fallback)
         whole("bayesian_var.order", self.order)
-        whole("bayesian_var.history", self.history, least=self.order + 1)
-        for name in ("deviation", "acceleration_density", "samples", "noise_floor"):
+        for name in ("deviation", "acceleration_density", "samples"):
             positive(f"bayesian_var.{name}", getattr(self, name))
-        if self.prior_mean not in ("constant_velocity", "pooled"):
-            raise WideberthError(
-                f"bayesian_var.prior_mean is {self.prior_mean!r}; wanted constant_velocity or "
-                "pooled"
-            )
-        if self.fitted is not None and len(self.fitted.coefficients) != self.order:
-            raise WideberthError(
-                f"bayesian_var.fitted has {len(self.fitted.coefficients)} coefficients; "
-                f"wanted {self.order}, one for each lag: fit it again"
-            )
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy with the prior under which these recordings are likeliest.
@@ -199,37 +178,20 @@ class BayesianVectorAutoregression(Fittable):
         WideberthError : too few windows, scenes of different steps or dimensions.
         """
         process = IsotropicProcess.learnt(dataset, self.order, "bayesian_var")
-        begin = replace(
-            self,
-            acceleration_density=process.innovation / process.dt,
-            fitted=process if self.prior_mean == "pooled" else None,
-        )
+        begin = replace(self, acceleration_density=process.innovation / process.dt)
         return fit_numbers(begin, SEARCHED, dataset)
-
-    def _prior(self, dt: float) -> Prior:
-        process = IsotropicProcess.random_walk(self.order, self.acceleration_density, dt)
-        if self.fitted is not None:
-            process = replace(process, coefficients=self.fitted.coefficients)
-        return Prior(process, self.deviation, self.samples)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
-        own, missing = at_own_step(
-            self._says, tracks, steps,
-            dt=None if self.fitted is None else self.fitted.dt,
-            rows=self.history, noise_floor=self.noise_floor, who="bayesian_var",
-        )  # fmt: skip
-        return with_fallback(own, missing, self.fallback, tracks, scene)
-
-    def _says(self, tracks: Tracks, steps: int) -> ForecastFn:
-        """Forecast tracks at the step of the process."""
-        past = gather(tracks, length=self.history)
+        past = gather(tracks, length=HISTORY)
         missing = unable("bayesian_var", past, self.order)
         past = served(past, missing)
         velocities, recent = past_velocities(past, tracks.dt, self.order)
-        believed = posterior(self._prior(tracks.dt), velocities, past)
+        drift = IsotropicProcess.random_walk(self.order, self.acceleration_density, tracks.dt)
+        prior = Prior(drift, self.deviation, self.samples)
+        believed = posterior(prior, velocities, past)
         process = believed.process.settled()
         path = velocity_path(process, recent, steps + int(past.late.max(initial=0)))
-        start = start_covariance(tracks, self.noise_floor, self.order)
+        start = start_covariance(tracks, NOISE_FLOOR, self.order)
         own = process_gaussians(process, past, path, start, tracks.dt, steps, root=believed.root)
-        return own, missing
+        return with_fallback(own, missing, self.fallback, tracks, scene)

@@ -8,10 +8,10 @@ from typing import ClassVar, Self, final
 import numpy as np
 
 from ..framework.predictor import Fittable
-from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.arrays import Array, positive
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.history import gather, measurement_noise
+from .core.history import FILTERED, gather, measurement_noise
 from .core.kalman_filter import AxisModel, filter_axes, roll_out
 from .core.pattern_search import fit_numbers
 
@@ -46,7 +46,6 @@ class ConstantAcceleration(Fittable):
     time_constant : tau, s.
     speed : m/s per axis, standard deviation of the first velocity.
     noise_floor : m, added in quadrature to the measurement noise.
-    history : grid samples to filter.
 
     Raises
     ------
@@ -62,14 +61,12 @@ class ConstantAcceleration(Fittable):
     time_constant: float = 0.3
     speed: float = 1.0
     noise_floor: float = 0.03
-    history: int = 40
 
     reference: ClassVar[str] = "singer1970estimating"
 
     def __post_init__(self) -> None:
         for name in ("acceleration", "time_constant", "speed", "noise_floor"):
             positive(f"constant_acceleration.{name}", getattr(self, name))
-        whole("constant_acceleration.history", self.history)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy fitted by `fit_numbers`; see `Fittable.fit`."""
@@ -77,7 +74,7 @@ class ConstantAcceleration(Fittable):
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
-        past = gather(tracks, length=self.history)
+        past = gather(tracks, length=FILTERED)
         noise = measurement_noise(tracks, self.noise_floor)
         model = _model(tracks.dt, self.acceleration, self.time_constant, self.speed)
         filtered = filter_axes(past, noise, model)

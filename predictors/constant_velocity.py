@@ -11,7 +11,7 @@ from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, finish
-from .core.history import LONGEST_GAP, Histories, gather, measurement_noise
+from .core.history import LONGEST_GAP, NOISE_FLOOR, Histories, gather, measurement_noise
 from .core.propagation import after, step_covariances, step_joint, white_acceleration
 
 
@@ -45,7 +45,6 @@ class ConstantVelocity(Predictor):
         floor have 1e-4.
     speed : m/s per axis, standard deviation of the velocity where only one sample is known
         (the obstacle is then taken as standing, and the reason says so).
-    noise_floor : m, added in quadrature to the measurement noise.
 
     Raises
     ------
@@ -60,19 +59,18 @@ class ConstantVelocity(Predictor):
     window: int = 5
     acceleration_density: float = 0.02
     speed: float = 1.0
-    noise_floor: float = 0.01
 
     reference: ClassVar[str] = "schoeller2020constant"
 
     def __post_init__(self) -> None:
         whole("constant_velocity.window", self.window)
-        for name in ("acceleration_density", "speed", "noise_floor"):
+        for name in ("acceleration_density", "speed"):
             positive(f"constant_velocity.{name}", getattr(self, name))
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=self.window + LONGEST_GAP + 1)
-        noise = measurement_noise(tracks, self.noise_floor)
+        noise = measurement_noise(tracks, NOISE_FLOOR)
         velocity, start = self._start(past, noise, tracks)
         size = tracks.dimension
         model = white_acceleration(tracks.dt, self.acceleration_density, size)

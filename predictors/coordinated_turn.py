@@ -1,4 +1,4 @@
-"""Motion along arcs of varying speed and yaw rate, by an extended or unscented Kalman filter.
+"""Motion along arcs of varying speed and yaw rate, by an unscented Kalman filter.
 
 State (x, y, theta, v, omega): place m, heading rad, speed m/s, yaw rate rad/s. The heading is
 never measured and never compared, only turned, so that nothing here wraps angles.
@@ -7,31 +7,25 @@ The batch axis is the first one of every array, and the last one in memory (`_co
 over five components then run along memory, where NumPy is fast.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import ClassVar, Literal, TypeAlias, final
+from typing import ClassVar, final
 
 import numpy as np
 
 from ..framework.predictor import Predictor
-from ..framework.values.arrays import Array, positive, whole
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import Array, positive
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .constant_acceleration import singer
 from .core.assembly import Gaussians, with_fallback
-from .core.history import Histories, IntArray, gather, measurement_noise
+from .core.history import FILTERED, Histories, IntArray, gather, measurement_noise
 from .core.propagation import after, cut_steps, white_acceleration
 from .kalman import Kalman
 
 STATES = 5
 SPREAD_WEIGHT = 2.0
 """Weight of the central sigma point in covariances (beta; 2 is best for a Gaussian)."""
-
-Step: TypeAlias = "Callable[[Array, Array, TurnModel], tuple[Array, Array, Array]]"
-"""From states (B, 5) and covariances (B, 5, 5) to both one step on, and the (B, 5, 5) matrix A
-with Cov(s_{k+1}, s_k) = A Cov(s_k)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +63,6 @@ class TurnModel:
         after[..., 4] *= kept
         return after
 
-    def jacobian(self, state: Array) -> Array:
-        """Return the derivative of `moved`, (B, 5, 5), for states (B, 5)."""
-        turn = self.turn_transition[0, 1]
-        half = 0.5 * turn * state[:, 4]
-        length, slope = self.dt * _sinc(half), self.dt * _sinc_slope(half)
-        speed, angle = state[:, 3], state[:, 2] + half
-        along, aside = np.cos(angle), np.sin(angle)
-        matrix = _columns(np.tile(np.eye(STATES), (len(state), 1, 1)))
-        matrix[:, 0, 2], matrix[:, 1, 2] = -speed * length * aside, speed * length * along
-        matrix[:, 0, 3], matrix[:, 1, 3] = length * along, length * aside
-        reach = 0.5 * turn * speed
-        matrix[:, 0, 4] = reach * (slope * along - length * aside)
-        matrix[:, 1, 4] = reach * (slope * aside + length * along)
-        matrix[:, 2:5:2, 2:5:2] = self.turn_transition
-        return matrix
-
     def process(self, state: Array) -> Array:
         """Covariance of the noise of one step, (B, 5, 5), at the headings of states (B, 5)."""
         along = np.stack([np.cos(state[:, 2]), np.sin(state[:, 2])])
@@ -107,26 +85,12 @@ def _sinc(angle: Array) -> Array:
     return np.asarray(np.sinc(angle / np.pi))
 
 
-def _sinc_slope(angle: Array) -> Array:
-    """Return the derivative of sin(u) / u, by its series where the closed form cancels."""
-    small = np.abs(angle) < 1e-2
-    safe = np.where(small, 1.0, angle)
-    series = -angle / 3 * (1 - angle**2 / 10 * (1 - angle**2 / 28))
-    return np.where(small, series, (np.cos(safe) - np.sin(safe) / safe) / safe)
-
-
-def extended_step(state: Array, covariance: Array, model: TurnModel) -> tuple[Array, Array, Array]:
-    """Predict by linearisation, P -> A P A' + Q with A the Jacobian; see `Step`."""
-    slope = model.jacobian(state)
-    half = np.einsum("bij,bjk->bik", slope, covariance)
-    spread = np.einsum("bik,blk->bil", half, slope) + model.process(state)
-    return model.moved(state), spread, slope
-
-
 def unscented_step(
     state: Array, covariance: Array, model: TurnModel
 ) -> tuple[Array, Array, Array]:
-    """Predict by sigma points; see `Step`.
+    """Predict by sigma points, from states (B, 5) and covariances (B, 5, 5) to both one step on.
+
+    Also returned is the (B, 5, 5) matrix A with Cov(s_{k+1}, s_k) = A Cov(s_k).
 
     The 2 * 5 points s +- sqrt(5) L_i, L L' = P (Cholesky), weigh 1/10 each and the centre 0 in
     the mean and `SPREAD_WEIGHT` in the covariance (Merwe's scaled points with alpha 1, kappa 0):
@@ -175,7 +139,7 @@ def position_update(
 ) -> tuple[Array, Array, Array]:
     """State (B, 5) and covariance after a position (B, 2) with noise (B, 2, 2); Joseph's form.
 
-    The measurement is linear in the state: the same for both filters. Also returned is the
+    The measurement is linear in the state. Also returned is the
     innovation squared in units of its covariance S, y' S^-1 y, (B,); 2 is to be expected.
     """
     precision = _inverse(covariance[:, :2, :2] + noise)
@@ -201,7 +165,7 @@ def _inverse(matrix: Array) -> Array:
 
 
 def filter_turns(
-    past: Histories, noise: Array, start: tuple[Array, Array], model: TurnModel, step: Step
+    past: Histories, noise: Array, start: tuple[Array, Array], model: TurnModel
 ) -> tuple[Array, Array, Array]:
     """States (O, 5) and covariances (O, 5, 5) at the newest observed samples, and the fit.
 
@@ -219,7 +183,7 @@ def filter_turns(
     state, covariance = first, wide
     total, used = np.zeros(len(state)), np.zeros(len(state))
     for column in range(past.positions.shape[1]):
-        ahead, spread, _ = step(state, covariance, model)
+        ahead, spread, _ = unscented_step(state, covariance, model)
         state, covariance, surprise = position_update(ahead, spread, places[:, column], noise)
         seen, fresh = past.observed[:, column], column <= past.began
         total += np.where(seen & ~fresh, surprise, 0.0)
@@ -248,6 +212,8 @@ MISFIT = 20.0
 turning body, and the filter, not being linear, answers wildly."""
 TINY = 1e-12
 """m, keeps divisions by the way of an obstacle that stands finite."""
+NOISE_FLOOR = 0.03
+"""m, added in quadrature to the measurement noise."""
 
 
 @final
@@ -263,9 +229,8 @@ class CoordinatedTurn(Predictor):
     the decaying rate). One much longer than the horizon is the constant turn rate of the
     textbook, whose error on recorded people is a third larger: they turn for a step or two.
 
-    ``filter`` "ukf" predicts by sigma points, "ekf" by linearisation, while filtering and over
-    the horizon alike (`unscented_step`, `extended_step`). The joint covariance over the
-    horizon is that of the chain of linear steps that each of them makes.
+    It predicts by sigma points (`unscented_step`), while filtering and over the horizon alike.
+    The joint covariance over the horizon is that of the chain of linear steps that they make.
 
     It works in a frame of its own for each obstacle, along the chord of its first samples,
     so that the forecast turns with the world; that chord is also the first heading and
@@ -284,14 +249,11 @@ class CoordinatedTurn(Predictor):
     yaw_rate : rad/s, standard deviation of the yaw rate, whose mean is 0.
     turn_time : s.
     speed : m/s, standard deviation of the first speed.
-    noise_floor : m, added in quadrature to the measurement noise.
-    history : grid samples to filter.
-    filter : see above.
     fallback : predictor for the others.
 
     Raises
     ------
-    WideberthError : a number that is not positive, or an unknown filter.
+    WideberthError : a number that is not positive.
 
     References
     ----------
@@ -303,21 +265,13 @@ class CoordinatedTurn(Predictor):
     yaw_rate: float = 0.3
     turn_time: float = 0.5
     speed: float = 1.0
-    noise_floor: float = 0.03
-    history: int = 40
-    filter: Literal["ukf", "ekf"] = "ukf"
     fallback: Predictor = field(default_factory=Kalman)
 
     reference: ClassVar[str] = "schubert2008comparison"
 
     def __post_init__(self) -> None:
-        for name in ("acceleration_density", "yaw_rate", "turn_time", "speed", "noise_floor"):
+        for name in ("acceleration_density", "yaw_rate", "turn_time", "speed"):
             positive(f"coordinated_turn.{name}", getattr(self, name))
-        whole("coordinated_turn.history", self.history)
-        if self.filter not in ("ukf", "ekf"):
-            raise WideberthError(
-                f"coordinated_turn.filter is {self.filter!r}; wanted one of ukf, ekf"
-            )
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
@@ -328,18 +282,17 @@ class CoordinatedTurn(Predictor):
             flat = [f"coordinated_turn: {size} coordinates, needs 2"] * count
             own = Gaussians(mean, covariance, reasons)
             return with_fallback(own, flat, self.fallback, tracks, scene)
-        past = gather(tracks, length=self.history)
+        past = gather(tracks, length=FILTERED)
         frame = _frames(past)
         model = self._model(tracks.dt)
-        step = unscented_step if self.filter == "ukf" else extended_step
-        state, start, fit = self._filter(past, frame, tracks, model, step)
+        state, start, fit = self._filter(past, frame, tracks, model)
         ahead = steps + int(past.late.max(initial=0))
-        moved, spread = _roll_out(state, start, model, step, ahead)
+        moved, spread = _roll_out(state, start, model, ahead)
         moved = np.einsum("oab,onb->ona", frame, moved)
         spread = np.einsum("oab,onbc->onac", frame, spread)
         spread = np.einsum("onac,odc->onad", spread, frame)
         mean = past.origin[:, None] + after(moved, steps, past.late)
-        joint = partial(_joint, state, start, frame, model, step, steps, past.late)
+        joint = partial(_joint, state, start, frame, model, steps, past.late)
         own = Gaussians(mean, after(spread, steps, past.late), reasons, joint)
         missing = self._missing(past, start, fit)
         return with_fallback(own, missing, self.fallback, tracks, scene)
@@ -351,10 +304,10 @@ class CoordinatedTurn(Predictor):
         return TurnModel(dt, speed_process, transition[1:, 1:], process[1:, 1:])
 
     def _filter(
-        self, past: Histories, frame: Array, tracks: Tracks, model: TurnModel, step: Step
+        self, past: Histories, frame: Array, tracks: Tracks, model: TurnModel
     ) -> tuple[Array, Array, Array]:
         """Filter in the frames; see `filter_turns`."""
-        noise = measurement_noise(tracks, self.noise_floor)
+        noise = measurement_noise(tracks, NOISE_FLOOR)
         noise = frame.swapaxes(1, 2) @ noise @ frame
         past = replace(past, positions=past.positions @ frame)
         chord, span = _chords(past)
@@ -369,7 +322,7 @@ class CoordinatedTurn(Predictor):
         doubt = np.trace(noise, axis1=1, axis2=2) / np.maximum(length, TINY) ** 2
         covariance[:, 2, 2] = FIRST_HEADING**2 + np.minimum(doubt, UNKNOWN)
         covariance[:, 3, 3], covariance[:, 4, 4] = self.speed**2, self.yaw_rate**2
-        return filter_turns(past, noise, (state, covariance), model, step)
+        return filter_turns(past, noise, (state, covariance), model)
 
     def _missing(self, past: Histories, covariance: Array, fit: Array) -> list[str | None]:
         """Why the filter cannot be used, or None, per obstacle."""
@@ -411,12 +364,12 @@ def _frames(past: Histories) -> Array:
 
 
 def _roll_out(
-    state: Array, covariance: Array, model: TurnModel, step: Step, steps: int
+    state: Array, covariance: Array, model: TurnModel, steps: int
 ) -> tuple[Array, Array]:
     """Means (O, N, 2) and covariances (O, N, 2, 2) of the place at each step ahead."""
     moved, spread = np.zeros((len(state), steps, 2)), np.zeros((len(state), steps, 2, 2))
     for h in range(steps):
-        state, covariance, _ = step(state, covariance, model)
+        state, covariance, _ = unscented_step(state, covariance, model)
         moved[:, h], spread[:, h] = state[:, :2], covariance[:, :2, :2]
     return moved, spread
 
@@ -426,7 +379,6 @@ def _joint(
     covariance: Array,
     frame: Array,
     model: TurnModel,
-    step: Step,
     steps: int,
     late: IntArray,
 ) -> Array:
@@ -439,7 +391,7 @@ def _joint(
     joint = np.zeros((count, ahead, 2, ahead, 2))
     known = np.zeros((count, STATES, 0))
     for h in range(ahead):
-        state, covariance, slope = step(state, covariance, model)
+        state, covariance, slope = unscented_step(state, covariance, model)
         known = slope @ known
         cross = known[:, :2].reshape(count, 2, h, 2)
         joint[:, h, :, :h] = cross

@@ -11,14 +11,104 @@ from ..framework.mpc.planner.best_response import BestResponsePlanner, Player, s
 from ..framework.mpc.planner.planner import Planner
 from ..framework.plugins.config import build, describe
 from ..framework.predictor import Predictor
-from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.arrays import Array, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import both_reasons, refuse_adaptive
-from .core.best_response import Table
 from .core.history import gather
-from .core.social_rollout import course_of
+from .core.social_rollout import RobotCourse, course_of
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedGame:
+    """Result of the game, per agent.
+
+    Attributes
+    ----------
+    bent : (A, N, 2), m, how much the others change each agent's way.
+    unsettled : (A, N, 2), m, half of what the last round would still have changed.
+    failures : index of the agent -> why no plan was found for it.
+    """
+
+    bent: Array
+    unsettled: Array
+    failures: dict[int, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Agents of the game; the robot is agent 0, agent i is the obstacle in row ``rows[i - 1]``.
+
+    Attributes
+    ----------
+    responder : plans for each of them.
+    agents : (A,).
+    rows : (A - 1,), where the obstacles stand in ``straight``.
+    straight : forecast of all obstacles alone.
+    grid : (N,), s, its steps.
+    """
+
+    responder: BestResponsePlanner
+    agents: tuple[Player, ...]
+    rows: tuple[int, ...]
+    straight: Forecast
+    grid: Array
+
+    def play(self, iterations: int) -> PlayedGame:
+        """Compute all best responses to the last round at once, and move half the way to them.
+
+        An agent for which no plan is found keeps its way, and is still seen by the others;
+        nothing bends the forecast of one that found none in the last round, nor any without the
+        robot's plan there.
+        """
+        count, steps = len(self.agents), len(self.grid)
+        bent, step = np.zeros((2, count, steps, 2))
+        alone = [self._plan(agent, None, ()) for agent in self.agents]
+        failures = {i: found for i, found in enumerate(alone) if isinstance(found, str)}
+        if 0 in failures:
+            return PlayedGame(bent, step, failures)
+        for _ in range(iterations):
+            for i, base in enumerate(alone):
+                if isinstance(base, str):
+                    continue
+                found = self._answer(i, np.asarray(alone[0]) + bent[0], bent)
+                if isinstance(found, str):
+                    failures[i], step[i] = found, 0.0
+                else:
+                    failures.pop(i, None)
+                    step[i] = found - base - bent[i]
+            bent = bent + 0.5 * step
+        without = list(range(count)) if 0 in failures else list(failures)
+        bent[without], step[without] = 0.0, 0.0
+        return PlayedGame(bent, 0.5 * step, failures)
+
+    def _answer(self, index: int, robot: Array, bent: Array) -> Array | str:
+        """Best response of one agent to the others, on the time grid.
+
+        To an obstacle the robot is as uncertain as the obstacle is to the robot.
+        """
+        others = [i for i in range(1, len(self.agents)) if i != index]
+        rows = [self.rows[i - 1] for i in others]
+        straight = self.straight
+        mean = straight.mean[rows] + bent[others][:, None]
+        covariance, weight = straight.covariance[rows], straight.weight[rows]
+        if index:
+            own = self.rows[index - 1]
+            mean = np.concatenate([np.broadcast_to(robot, (1, *mean.shape[1:])), mean])
+            covariance = np.concatenate([straight.covariance[[own]], covariance])
+            weight = np.concatenate([straight.weight[[own]], weight])
+            others = [0, *others]
+        expected = Forecast(mean, covariance, weight, straight.dt, (None,) * len(others))
+        radii = tuple(self.agents[i].radius for i in others)
+        return self._plan(self.agents[index], expected, radii)
+
+    def _plan(
+        self, agent: Player, others: Forecast | None, radii: tuple[float, ...]
+    ) -> Array | str:
+        found = self.responder.respond(agent, others, radii)
+        return found if isinstance(found, str) else RobotCourse(*found, 0.0).at(self.grid)[0]
+
 
 STANDING = 0.05
 """m/s; who was slower than this on average is taken to stay."""
@@ -38,6 +128,10 @@ def _recommended() -> Planner:
     )
     assert isinstance(planner, Planner)
     return planner
+
+
+MEMORY = 8.0
+"""s of an agent's past that its goal is read from."""
 
 
 @final
@@ -79,7 +173,6 @@ class Game(Predictor):
     planner : what each agent is taken to run. Its predictor must be no game.
     iterations : rounds of responses.
     agents : most obstacles that take part.
-    memory : s.
 
     Raises
     ------
@@ -89,14 +182,12 @@ class Game(Predictor):
     planner: Planner = field(default_factory=_recommended)
     iterations: int = 3
     agents: int = 3
-    memory: float = 8.0
 
     reference: ClassVar[str] = "schoeneberg2025trajectory"
 
     def __post_init__(self) -> None:
         whole("game.iterations", self.iterations)
         whole("game.agents", self.agents)
-        positive("game.memory", self.memory)
         refuse_adaptive("game.planner.predictor", self.planner.predictor)
         if self.planner.robot.dimension != 2:
             raise WideberthError(
@@ -114,7 +205,7 @@ class Game(Predictor):
 
     def __hash__(self) -> int:
         """Return a number that equal games share."""
-        return hash((self.iterations, self.agents, self.memory))
+        return hash((self.iterations, self.agents, MEMORY))
 
     @cached_property
     def _responder(self) -> BestResponsePlanner:
@@ -179,7 +270,7 @@ class Game(Predictor):
         means = np.einsum("om,omnd->ond", straight.weight, straight.mean)
         velocity = (means[:, 1] - means[:, 0]) / tracks.dt
         place = means[:, 0] - tracks.dt * velocity
-        past = gather(tracks, length=int(np.ceil(self.memory / tracks.dt)) + 1)
+        past = gather(tracks, length=int(np.ceil(MEMORY / tracks.dt)) + 1)
         gone = np.maximum(past.length - 1, 1) * tracks.dt
         oldest = past.positions[:, 0]  # of a shorter history its first position
         mean_speed = np.linalg.norm(oldest, axis=1) / gone

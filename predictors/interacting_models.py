@@ -12,13 +12,12 @@ from typing import ClassVar, Literal, Self, final
 import numpy as np
 
 from ..framework.predictor import Fittable
-from ..framework.values.arrays import Array, BoolArray, positive, probability, whole
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import Array, BoolArray, checked_choice, positive, probability
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .constant_acceleration import singer
 from .core.assembly import Gaussians, finish, with_fallback
-from .core.history import Histories, IntArray, gather, measurement_noise
+from .core.history import FILTERED, Histories, IntArray, gather, measurement_noise
 from .core.kalman_filter import measured_update, on_all_axes
 from .core.pattern_search import fit_numbers
 from .core.propagation import (
@@ -313,7 +312,6 @@ class InteractingModels(Fittable):
     stopping : of all switches from a model that moves, the share to the one that stops.
     speed : m/s per axis, standard deviation of the first velocity.
     noise_floor : m, added in quadrature to the measurement noise.
-    history : grid samples to filter.
     modes : see above.
 
     Raises
@@ -334,7 +332,6 @@ class InteractingModels(Fittable):
     stopping: float = 0.1
     speed: float = 1.0
     noise_floor: float = 0.01
-    history: int = 40
     modes: Literal["merged", "kept"] = "merged"
 
     reference: ClassVar[str] = "blom1988interacting"
@@ -344,9 +341,7 @@ class InteractingModels(Fittable):
         for name in numbers:
             positive(f"imm.{name}", getattr(self, name))
         probability("imm.stopping", self.stopping)
-        whole("imm.history", self.history)
-        if self.modes not in ("merged", "kept"):
-            raise WideberthError(f"imm.modes is {self.modes!r}; wanted one of merged, kept")
+        checked_choice("imm.modes", self.modes, Literal["merged", "kept"])
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy fitted by `fit_numbers`; see `Fittable.fit`."""
@@ -354,7 +349,7 @@ class InteractingModels(Fittable):
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
-        past = gather(tracks, length=self.history)
+        past = gather(tracks, length=FILTERED)
         bank = self.bank(tracks.dt, tracks.dimension)
         beliefs = self._filtered(past, tracks, bank)
         if self.modes == "kept":

@@ -8,8 +8,7 @@ from typing import ClassVar, Literal, Self, final
 import numpy as np
 
 from ..framework.predictor import Fittable
-from ..framework.values.arrays import Array, positive, whole
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import Array, checked_choice, positive, whole
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.history import Histories, gather, measurement_noise
@@ -73,10 +72,7 @@ class Kalman(Fittable):
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"kalman.{name}", getattr(self, name))
         whole("kalman.history", self.history)
-        if self.backend not in ("batched", "filterpy"):
-            raise WideberthError(
-                f"kalman.backend is {self.backend!r}; wanted one of batched, filterpy"
-            )
+        checked_choice("kalman.backend", self.backend, Literal["batched", "filterpy"])
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import windows_of
-from ..framework.values.arrays import positive, whole
+from ..framework.values.arrays import whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
@@ -23,7 +23,7 @@ from .core.density_network import (
     resampled,
     rows_that_span,
 )
-from .core.history import Histories, gather, too_short
+from .core.history import NOISE_FLOOR, Histories, gather, too_short
 
 WANTED = 100
 """Fewest windows to fit to."""
@@ -79,7 +79,6 @@ class MixtureDensity(Fittable):
     modes : K, of the network.
     rounds : of training, of 50 updates, about 0.2 s each on one core, whatever the data.
     seed : of the training.
-    noise_floor : m, added in quadrature to the measurement noise.
     fallback : predictor for the obstacles that it cannot serve.
     fitted : the trained network, as `fit` leaves it.
 
@@ -99,7 +98,6 @@ class MixtureDensity(Fittable):
     modes: int = 3
     rounds: int = 60
     seed: int = 0
-    noise_floor: float = 0.01
     fallback: Predictor = field(default_factory=ConstantVelocity)
     fitted: DensityNetwork | None = None
 
@@ -111,7 +109,6 @@ class MixtureDensity(Fittable):
         for name in ("predicted", "modes", "rounds"):
             whole(f"mixture_density.{name}", getattr(self, name))
         whole("mixture_density.seed", self.seed, least=0)
-        positive("mixture_density.noise_floor", self.noise_floor)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Train the network on recordings; see `Fittable.fit`.
@@ -143,7 +140,7 @@ class MixtureDensity(Fittable):
             spread = np.zeros((*shape, tracks.dimension))
             empty = Gaussians(np.zeros(shape), spread, (None,) * len(tracks))
             return with_fallback(empty, missing, self.fallback, tracks, scene)
-        own = forecast_of(self._foresee(past, tracks.dt), past, tracks, steps, self.noise_floor)
+        own = forecast_of(self._foresee(past, tracks.dt), past, tracks, steps, NOISE_FLOOR)
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
     def _rows(self, dt: float) -> int:

@@ -12,14 +12,108 @@ from ..framework.values.arrays import Array, BoolArray, positive, probability, w
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from ..people.models import CircularForce, PersonModel, Reciprocal, Straight
+from ..people.models import CircularForce, Company, PersonModel, Reciprocal, Straight, Walkers
 from ..people.walls import WallField
 from .core.assembly import Gaussians, both_reasons, narrowed, refuse_adaptive, with_fallback
-from .core.crowd_rollout import Movers, on_grid, rolled_out
 from .core.history import measurement_noise
-from .core.person_belief import Drift, HypothesisSlots, PeopleAround, PersonBeliefs, stepped
+from .core.person_belief import (
+    HypothesisSlots,
+    PeopleAround,
+    PersonBeliefs,
+    company_of,
+    sight,
+    stepped,
+)
 from .core.social_rollout import RobotCourse, course_of
 from .kalman import Kalman
+
+LIGHTEST = 0.02
+"""Hypotheses of less weight are not rolled out, beside the heaviest one of each person."""
+
+
+@dataclass(frozen=True, eq=False)
+class Movers:
+    """Bodies whose courses are given, at the times 0, step, 2 step and so on.
+
+    Attributes
+    ----------
+    courses : (M, K + 1, 2), m.
+    radius : (M,), m.
+    robot : whether the last one is the robot, which the courteous alone see.
+    """
+
+    courses: Array
+    radius: Array
+    robot: bool
+
+    def at(self, row: int, step: float) -> Array:
+        """Places, velocities and radii during a step, (M, 5)."""
+        place, later = self.courses[:, row], self.courses[:, row + 1]
+        return np.concatenate([place, (later - place) / step, self.radius[:, None]], axis=1)
+
+
+def rolled_out(
+    slots: HypothesisSlots,
+    beliefs: PersonBeliefs,
+    radius: Array,
+    movers: Movers,
+    walls: WallField,
+    step: float,
+) -> tuple[Array, Array]:
+    """Roll all hypotheses out, (N, S, K + 1, 2), m, and return their weights, (N, S).
+
+    Every step each hypothesis of each person takes the next velocity of its model, seeing the
+    others where they are expected: at the weighted mean of their hypotheses. So 200 people with
+    S hypotheses cost 200 S walkers, not S^200 crowds. Hypotheses lighter than `LIGHTEST` count
+    for nothing and stay at 0.
+
+    Parameters
+    ----------
+    radius : (N,), m.
+    movers : who else is there; K follows from their courses.
+    walls : people keep out of them.
+    step : s.
+    """
+    weight = beliefs.weight
+    heavy = weight >= np.minimum(LIGHTEST, weight.max(axis=1, keepdims=True, initial=0.0))
+    weight = np.where(heavy, weight, 0.0)
+    weight = weight / weight.sum(axis=1, keepdims=True)
+    count = movers.courses.shape[1] - 1
+    state = beliefs.state.copy()
+    state[~heavy] = 0.0
+    rows = [np.nonzero(heavy & (slots.kind == kind)) for kind in range(len(slots.models))]
+    found = np.zeros((*weight.shape, count + 1, 2))
+    found[:, :, 0] = state[..., :2]
+    for row in range(count):
+        mean = np.einsum("ns,nsd->nd", weight, state)
+        around = np.concatenate([company_of(mean, radius, None), movers.at(row, step)])
+        beside, visible = walls.beside(mean[:, :2]), sight(around, len(mean))
+        for model, (owner, slot) in zip(slots.models, rows, strict=True):
+            if not len(owner):
+                continue
+            now = state[owner, slot]
+            walkers = Walkers(now[:, :2], now[:, 2:4], now[:, 4:], radius[owner])
+            seen = visible[owner]
+            if movers.robot:
+                seen[:, -1] &= slots.courteous[slot]
+            near = beside[owner]
+            aside = (now[:, :2] - mean[owner, :2])[:, None] * near[..., 1:]
+            near[..., 0] += aside.sum(axis=-1)
+            company = Company(around[:, :2], around[:, 2:4], around[:, 4], seen, near)
+            state[owner, slot, 2:4] = model.next_velocity(walkers, company, step)
+        state[..., :2] += step * state[..., 2:4]
+        found[:, :, row + 1] = state[..., :2]
+    return found, weight
+
+
+def on_grid(courses: Array, step: float, times: Array) -> Array:
+    """Read courses (..., K + 1, 2) at times (T,), s, on straight lines between their steps."""
+    last = courses.shape[-2] - 2
+    place = np.clip(times / step, 0.0, last + 1.0)
+    below = np.minimum(place.astype(np.int64), last)
+    share = (place - below)[:, None]
+    return np.asarray((1.0 - share) * courses[..., below, :] + share * courses[..., below + 1, :])
+
 
 SHORTEST, LONGEST = 0.02, 1.0
 """s, steps of tracks that the models are made for."""
@@ -60,6 +154,12 @@ class PersonBelief:
     strange: float
 
 
+ACCELERATION_DENSITY = 0.01
+"""m^2/s^3, q."""
+NOISE_FLOOR = 0.005
+"""m, added to the measurement noise."""
+
+
 @final
 @dataclass(frozen=True)
 class ReactingPeople(Adaptive):
@@ -95,13 +195,6 @@ class ReactingPeople(Adaptive):
     ----------
     models : kinds of people, equally probable at first.
     courtesy : prior probability of making way for the robot.
-    update_courtesy : whether that follows Bayes' rule as well; otherwise it is held.
-    turn_rate : 1/s, at which people take a new direction.
-    shake, wander : m/s, of a velocity per sample beside the model; m/s per root of s, of u.
-    forget : share of the prior that is added to the beliefs in a second.
-    least_density : p_0, 1/m^2.
-    acceleration_density : q, m^2/s^3.
-    noise_floor : m, added to the measurement noise.
     step : s, period at which people of the roll-out decide.
     most : people of whom something is believed, where the robot's plan is given.
     fallback : for everybody else.
@@ -116,14 +209,6 @@ class ReactingPeople(Adaptive):
         Straight(), CircularForce(), Reciprocal(),
     )  # fmt: skip
     courtesy: float = 0.5
-    update_courtesy: bool = True
-    turn_rate: float = 0.25
-    shake: float = 0.08
-    wander: float = 0.02
-    forget: float = 0.02
-    least_density: float = 1e-3
-    acceleration_density: float = 0.01
-    noise_floor: float = 0.005
     step: float = 0.25
     most: int = 40
     fallback: Predictor = field(default_factory=Kalman)
@@ -132,10 +217,7 @@ class ReactingPeople(Adaptive):
     reference: ClassVar[str] = "helbing1995social,vandenberg2011reciprocal"
 
     def __post_init__(self) -> None:
-        for name in ("shake", "wander", "acceleration_density", "noise_floor", "step"):
-            positive(f"reacting_people.{name}", getattr(self, name))
-        for name in ("turn_rate", "forget", "least_density"):
-            positive(f"reacting_people.{name}", getattr(self, name), zero=True)
+        positive("reacting_people.step", self.step)
         probability("reacting_people.courtesy", self.courtesy, closed=True)
         whole("reacting_people.most", self.most)
         refuse_adaptive("reacting_people.fallback", self.fallback)
@@ -203,11 +285,7 @@ class ReactingPeople(Adaptive):
 
     @cached_property
     def _slots(self) -> HypothesisSlots:
-        return HypothesisSlots(self.models, self.courtesy, self.update_courtesy)
-
-    @property
-    def _drift(self) -> Drift:
-        return Drift(self.turn_rate, self.shake, self.wander, self.forget, self.least_density)
+        return HypothesisSlots(self.models, self.courtesy)
 
     def _unfit(self, tracks: Tracks, steps: int) -> str:
         """Why the models cannot forecast these tracks; empty where they can."""
@@ -227,15 +305,15 @@ class ReactingPeople(Adaptive):
         """Beliefs of the nearest people at the newest sample."""
         rows = _nearest(tracks, course_of(scene, tracks.dt, tracks.stamp), self.most)
         some = tracks if len(rows) == len(tracks) else tracks.select(rows)
-        noise = measurement_noise(some, self.noise_floor)
+        noise = measurement_noise(some, NOISE_FLOOR)
         walls = _walls(scene, some)
         before, times = self._since(some)
-        drift, slots = self._drift, self._slots
+        slots = self._slots
         for time in times:
             measured = _places(some, time)
             beside = walls.beside(before.mean[:, :2])
             around = PeopleAround(some.radius, beside)
-            before = stepped(slots, drift, before, measured, noise, around, time - before.stamp)
+            before = stepped(slots, before, measured, noise, around, time - before.stamp)
         return before
 
     def _since(self, tracks: Tracks) -> tuple[PersonBeliefs, Array]:
@@ -349,7 +427,7 @@ class _Crowd:
         covariance = place[:, None] + t**2 * wish[:, None]
         covariance += t * (both + np.swapaxes(both, 1, 2))[:, None]
         covariance += np.einsum("ns,nsti,nstj->ntij", weight, apart, apart)
-        covariance += settings.acceleration_density * t**3 / 3.0 * np.eye(2)
+        covariance += ACCELERATION_DENSITY * t**3 / 3.0 * np.eye(2)
         return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
 
 

@@ -6,8 +6,7 @@ from typing import ClassVar, Literal, final
 import numpy as np
 
 from ..framework.predictor import Predictor
-from ..framework.values.arrays import Array, positive
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import Array, checked_choice, positive
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .constant_velocity import ConstantVelocity
@@ -20,6 +19,10 @@ are apart, the more of them is motion. Real robots measured to 1 to 3 cm are pre
 error within 7 % of that of the best density for them by 8, within 54 % by 3."""
 FEWEST = 5
 """Differences below which nothing is estimated: a history of eight samples has five third ones."""
+ACCELERATION_DENSITY = 0.02
+"""m^2/s^3, q where the history is too short to tell it."""
+NOISE_FLOOR = 0.001
+"""m, added in quadrature to the measurement noise."""
 
 
 @final
@@ -71,9 +74,7 @@ class Smoothed(Predictor):
     base : predictor that gets the smoothed tracks.
     noise : "given" takes that of the tracks, "estimated" that of each history, the same
         along all axes.
-    acceleration_density : q, m^2/s^3, where the history is too short to tell it.
     speed : m/s per axis, standard deviation of the first velocity.
-    noise_floor : m, added in quadrature to the measurement noise.
 
     Raises
     ------
@@ -87,30 +88,26 @@ class Smoothed(Predictor):
 
     base: Predictor = field(default_factory=lambda: ConstantVelocity(window=1))
     noise: Literal["given", "estimated"] = "estimated"
-    acceleration_density: float = 0.02
     speed: float = 1.0
-    noise_floor: float = 0.001
 
     reference: ClassVar[str] = "rauch1965maximum"
 
     def __post_init__(self) -> None:
         refuse_adaptive("smoothed.base", self.base)
-        for name in ("acceleration_density", "speed", "noise_floor"):
-            positive(f"smoothed.{name}", getattr(self, name))
-        if self.noise not in ("given", "estimated"):
-            raise WideberthError(f"smoothed.noise is {self.noise!r}; wanted given or estimated")
+        positive("smoothed.speed", self.speed)
+        checked_choice("smoothed.noise", self.noise, Literal["given", "estimated"])
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
         if tracks.state_covariance is not None:
             return self.base.predict(tracks, steps, scene)
         past = gather(tracks)
-        noise = measurement_noise(tracks, self.noise_floor)
+        noise = measurement_noise(tracks, NOISE_FLOOR)
         if self.noise == "estimated":
-            variance = noise_variance(past)[:, None, None] + self.noise_floor**2
+            variance = noise_variance(past)[:, None, None] + NOISE_FLOOR**2
             noise = np.where(np.isnan(variance), noise, variance * np.eye(tracks.dimension))
         density = acceleration_increment(past)
-        density = np.where(np.isnan(density), self.acceleration_density * tracks.dt**3, density)
+        density = np.where(np.isnan(density), ACCELERATION_DENSITY * tracks.dt**3, density)
         smooth, newest = smoothed(past, noise, density, self.speed * tracks.dt)
         return self.base.predict(_handed(tracks, past, smooth, newest), steps, scene)
 

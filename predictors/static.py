@@ -11,7 +11,7 @@ from ..framework.values.arrays import Array, positive
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, finish
-from .core.history import gather, measurement_noise
+from .core.history import NOISE_FLOOR, gather, measurement_noise
 
 
 @final
@@ -21,14 +21,13 @@ class Static(Predictor):
 
     mu_h = p_k,   Cov(p_h, p_j) = R + rate^2 t_h t_j I
 
-    with R the measurement noise plus ``noise_floor``^2 I and t_h the time since the newest
+    with R the measurement noise plus `NOISE_FLOOR`^2 I and t_h the time since the newest
     observed sample. The spread is that of an unknown constant velocity, N(0, rate^2 I).
 
     Parameters
     ----------
     spread_rate : m/s per axis. The default 0 is the rivals' assumption (a costmap does not
         grow); about 1 is honest for people.
-    noise_floor : m, keeps the covariance above zero for noise-free tracks.
 
     Raises
     ------
@@ -36,18 +35,16 @@ class Static(Predictor):
     """
 
     spread_rate: float = 0.0
-    noise_floor: float = 0.01
 
     reference: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         positive("static.spread_rate", self.spread_rate, zero=True)
-        positive("static.noise_floor", self.noise_floor)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=1)
-        noise = measurement_noise(tracks, self.noise_floor)
+        noise = measurement_noise(tracks, NOISE_FLOOR)
         times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
         growth = self.spread_rate**2 * np.eye(tracks.dimension)
         covariance = noise[:, None] + times[:, :, None, None] ** 2 * growth

@@ -1,19 +1,18 @@
 """The paper's predictor: a vector autoregression on each obstacle's velocities."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, final
+from typing import ClassVar, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..framework.predictor import Predictor
-from ..framework.values.arrays import Array, BoolArray, positive, whole
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import Array, BoolArray, checked_choice, positive, whole
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, placed, refuse_adaptive, with_fallback
 from .core.history import Histories, gather
-from .core.least_squares import Fits, Trend, fit_velocities, fit_with_statsmodels
+from .core.least_squares import Fits, fit_velocities, fit_with_statsmodels
 from .core.propagation import after
 from .core.small_matrices import lower_root
 from .core.velocity_forecast import (
@@ -80,6 +79,8 @@ def paper_covariances(
     return np.asarray(start[:, None] + np.cumsum(growth, axis=1))
 
 
+Covariance: TypeAlias = Literal["paper-literal", "paper", "exact", "exact+estimation"]
+
 CONDITION = 1e6
 """Largest condition number of the regressors Z that the gate lets pass."""
 ROUNDING = 1e12
@@ -88,6 +89,8 @@ FREEDOM = 4
 """Fewest residual degrees of freedom that the gate lets pass."""
 REACH = 1e6
 """m; a forecast that leaves this radius has overflowed in all but name, gate or no gate."""
+HISTORY = 80
+"""Newest grid samples used."""
 
 
 @final
@@ -95,9 +98,11 @@ REACH = 1e6
 class VectorAutoregression(Predictor):
     """VAR(2) on world-frame velocities, fitted to each obstacle's own history.
 
-    v_{h} = c + A_1 v_{h-1} + A_2 v_{h-2} + u_h,   u_h ~ N(0, Sigma_u)
+    v_{h} = A_1 v_{h-1} + A_2 v_{h-2} + u_h,   u_h ~ N(0, Sigma_u)
 
-    with v_k = (p_k - p_{k-1}) / dT, fitted by least squares at every call. Positions follow
+    with v_k = (p_k - p_{k-1}) / dT, fitted by least squares at every call, without an intercept:
+    the paper does not say, and one fails on every straight run along an axis and pulls
+    velocities to the mean of the window. Positions follow
     by summing velocities up, their covariance by ``covariance``:
 
     - "paper-literal", "paper": the paper's recursion as printed, and with its index mended
@@ -133,9 +138,6 @@ class VectorAutoregression(Predictor):
     covariance : see above.
     integration : "rectangle" or the paper's "trapezoid". The formula "paper-literal" is
         always the trapezoid's.
-    trend : "n" without or "c" with an intercept. The paper does not say; "c" fails on every
-        straight run along an axis and pulls velocities to the mean of the window.
-    history : newest grid samples used.
     minimum_history : observed samples needed. Stable fits on real robots need 60 to 80.
     max_speed : m/s.
     gate : whether the health gate acts.
@@ -155,10 +157,8 @@ class VectorAutoregression(Predictor):
     """
 
     order: int = 2
-    covariance: Literal["paper-literal", "paper", "exact", "exact+estimation"] = "exact+estimation"
+    covariance: Covariance = "exact+estimation"
     integration: Integration = "rectangle"
-    trend: Trend = "n"
-    history: int = 80
     minimum_history: int = 20
     max_speed: float = 5.0
     gate: bool = True
@@ -172,24 +172,15 @@ class VectorAutoregression(Predictor):
         refuse_adaptive("var.fallback", self.fallback)
         whole("var.order", self.order)
         whole("var.minimum_history", self.minimum_history, least=self.order + 2)
-        whole("var.history", self.history, least=self.minimum_history)
         positive("var.max_speed", self.max_speed)
         positive("var.noise_floor", self.noise_floor, zero=True)
-        choices: dict[str, tuple[str, ...]] = {
-            "covariance": ("paper-literal", "paper", "exact", "exact+estimation"),
-            "integration": ("rectangle", "trapezoid"),
-            "trend": ("n", "c"),
-            "backend": ("batched", "statsmodels"),
-        }
-        for name, wanted in choices.items():
-            if getattr(self, name) not in wanted:
-                raise WideberthError(
-                    f"var.{name} is {getattr(self, name)!r}; wanted one of {', '.join(wanted)}"
-                )
+        checked_choice("var.covariance", self.covariance, Covariance)
+        checked_choice("var.integration", self.integration, Integration)
+        checked_choice("var.backend", self.backend, Literal["batched", "statsmodels"])
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
-        past = gather(tracks, length=self.history)
+        past = gather(tracks, length=HISTORY)
         velocities, recent = past_velocities(past, tracks.dt, self.order)
         fits = self._fit(velocities, past)
         missing = self._ill(fits, past)
@@ -208,8 +199,8 @@ class VectorAutoregression(Predictor):
 
     def _fit(self, velocities: Array, past: Histories) -> Fits:
         if self.backend == "statsmodels":
-            return fit_with_statsmodels(velocities, past.began, self.order, self.trend)
-        return fit_velocities(velocities, past.began, self.order, self.trend, self._limit)
+            return fit_with_statsmodels(velocities, past.began, self.order)
+        return fit_velocities(velocities, past.began, self.order, self._limit)
 
     @property
     def _limit(self) -> float:

@@ -7,7 +7,6 @@ statsmodels stands beside it as the reference.
 
 import warnings
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -15,8 +14,6 @@ from ...framework.values.arrays import Array, BoolArray
 from .history import IntArray
 from .velocity_process import VelocityProcess
 
-Trend: TypeAlias = Literal["n", "c"]
-"""Without or with an intercept."""
 ROUNDING = 1e-14
 """Singular values below this share of the largest one are rounding errors."""
 
@@ -45,8 +42,8 @@ class Fits:
 
     Attributes
     ----------
-    process : coefficients, intercept, innovation covariance.
-    root : (O, K, K), W with W W' = (Z'Z)^-1, unit (m/s)^-1 (the intercept apart).
+    process : coefficients and innovation covariance.
+    root : (O, K, K), W with W W' = (Z'Z)^-1, unit (m/s)^-1.
     condition : (O,), largest over smallest singular value of Z; where that is surely below
         the limit asked for it may be a larger number, below the limit too.
     freedom : (O,), residual degrees of freedom of each equation.
@@ -101,12 +98,11 @@ def lagged(
     velocities: Array,
     began: IntArray,
     order: int,
-    trend: Trend = "n",
     seen: BoolArray | None = None,
 ) -> tuple[Array, Array]:
     """Lay out the regression of velocities on earlier ones: Z (K, R, O) and Y (D, R, O).
 
-    v_h' = z_h' B,   z_h = (1, v_{h-1}, ..., v_{h-p}),   one row for each h; R = T - p
+    v_h' = z_h' B,   z_h = (v_{h-1}, ..., v_{h-p}),   one row for each h; R = T - p
 
     Parameters
     ----------
@@ -114,15 +110,13 @@ def lagged(
     began : (O,), first column that belongs to the history; rows that look farther back are
         zero.
     order : p.
-    trend : "c" puts the 1 into z_h.
     seen : (O, T), whether a velocity was measured; rows that hold one filled in are zero too.
     """
-    count, length = velocities.shape[:2]
+    length = velocities.shape[1]
     rows = max(length - order, 0)
     path = np.ascontiguousarray(velocities.transpose(2, 1, 0))
     lags = [path[:, order - lag :][:, :rows] for lag in range(1, order + 1)]
-    constant = [np.ones((1, rows, count))] if trend == "c" else []
-    regressors, targets = np.concatenate([*constant, *lags]), path[:, length - rows :]
+    regressors, targets = np.concatenate(lags), path[:, length - rows :]
     if seen is None and not began.any():
         return regressors, targets
     inside = np.arange(rows)[:, None] >= began
@@ -140,20 +134,18 @@ def complete_rows(seen: BoolArray, order: int) -> BoolArray:
     return complete
 
 
-def fit_velocities(
-    velocities: Array, began: IntArray, order: int, trend: Trend, limit: float
-) -> Fits:
+def fit_velocities(velocities: Array, began: IntArray, order: int, limit: float) -> Fits:
     """Fit a VAR to the velocities of each obstacle by ordinary least squares.
 
     B = (Z'Z)^-1 Z'Y,   Sigma_u = U'U / (rows - K)
 
     Parameters
     ----------
-    velocities, began, order, trend : as in `lagged`.
+    velocities, began, order : as in `lagged`.
     limit : condition number up to which it need not be exact; see `Fits`.
     """
-    regression = regress(*lagged(velocities, began, order, trend))
-    freedom = _freedom(velocities, began, order, trend)
+    regression = regress(*lagged(velocities, began, order))
+    freedom = _freedom(velocities, began, order)
     solution = np.moveaxis(regression.solution, 2, 0)
     squares = np.moveaxis(regression.squares, 2, 0)
     return Fits(
@@ -165,11 +157,11 @@ def fit_velocities(
     )
 
 
-def fit_with_statsmodels(velocities: Array, began: IntArray, order: int, trend: Trend) -> Fits:
+def fit_with_statsmodels(velocities: Array, began: IntArray, order: int) -> Fits:
     """Fit as `fit_velocities`, one obstacle after the other, by statsmodels: the reference."""
-    freedom = _freedom(velocities, began, order, trend)
+    freedom = _freedom(velocities, began, order)
     count, _, size = velocities.shape
-    regressors = order * size + int(trend == "c")
+    regressors = order * size
     solution, root = np.zeros((count, regressors, size)), np.zeros((count, regressors, regressors))
     innovation, condition = np.zeros((count, size, size)), np.full(count, np.inf)
     failed: list[str | None] = [None] * count
@@ -178,23 +170,21 @@ def fit_with_statsmodels(velocities: Array, began: IntArray, order: int, trend: 
             failed[o] = f"{freedom[o]} residual degrees of freedom"
             continue
         try:
-            parts = _one_with_statsmodels(velocities[o, began[o] :], order, trend)
+            parts = _one_with_statsmodels(velocities[o, began[o] :], order)
             solution[o], innovation[o], root[o], condition[o] = parts
         except (ValueError, np.linalg.LinAlgError) as error:
             failed[o] = f"statsmodels: {error}"
     return Fits(_process(solution, innovation, order), root, condition, freedom, tuple(failed))
 
 
-def _one_with_statsmodels(
-    velocities: Array, order: int, trend: Trend
-) -> tuple[Array, Array, Array, float]:
+def _one_with_statsmodels(velocities: Array, order: int) -> tuple[Array, Array, Array, float]:
     """B (K, D), Sigma_u, W, and the condition of Z."""
     from statsmodels.tsa.api import VAR
 
     # statsmodels and NumPy warn of what the health gate judges; a warning is no answer.
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        result = VAR(velocities).fit(maxlags=order, trend=trend)
+        result = VAR(velocities).fit(maxlags=order, trend="n")
         regressors = np.asarray(result.endog_lagged)
         _, singular, right = np.linalg.svd(regressors, full_matrices=False)
         condition = float(_condition(singular))
@@ -203,19 +193,17 @@ def _one_with_statsmodels(
     return np.asarray(result.params), 0.5 * (innovation + innovation.T), root, condition
 
 
-def _freedom(velocities: Array, began: IntArray, order: int, trend: Trend) -> IntArray:
+def _freedom(velocities: Array, began: IntArray, order: int) -> IntArray:
     """Rows minus regressors, (O,)."""
     _, length, size = velocities.shape
-    return np.asarray(length - began - order - order * size - int(trend == "c"), dtype=np.int64)
+    return np.asarray(length - began - order - order * size, dtype=np.int64)
 
 
 def _process(solution: Array, innovation: Array, order: int) -> VelocityProcess:
-    """Sort the rows of B (O, K, D) into an intercept and the A_j."""
-    count, total, size = solution.shape
-    extra = total - order * size
-    lags = solution[:, extra:].reshape(count, order, size, size).swapaxes(2, 3)
-    intercept = solution[:, 0] if extra else np.zeros((count, size))
-    return VelocityProcess(lags, innovation, intercept)
+    """Sort the rows of B (O, K, D) into the A_j."""
+    count, _, size = solution.shape
+    lags = solution.reshape(count, order, size, size).swapaxes(2, 3)
+    return VelocityProcess(lags, innovation)
 
 
 def _conditions(regression: Regression, limit: float) -> Array:

@@ -27,6 +27,16 @@ STILL = 1e-6
 """m; a way shorter than this has no direction."""
 LIKELY = 0.02
 """Weight from which on a hypothesis may expect a sample, as long as it takes no turn for that."""
+TURN_RATE = 0.25
+"""1/s, at which a person takes a new direction, any."""
+SHAKE = 0.08
+"""m/s, standard deviation of what a step adds to a velocity beside the model."""
+WANDER = 0.02
+"""m/s per root of s, of the wanted velocity."""
+FORGET = 0.02
+"""Share of the prior that a second adds to the probabilities of the groups."""
+LEAST_DENSITY = 1e-3
+"""1/m^2, added to every likelihood: no sample alone rules a hypothesis out."""
 HALF_TIME = 2.0
 """s, in which what was strange about a walker is forgotten to 1/e."""
 
@@ -40,12 +50,10 @@ class HypothesisSlots:
     models : the kinds. Who avoids others has two groups of hypotheses: making way for the robot,
         and not.
     courtesy : prior probability that a person who avoids others makes way for the robot.
-    updated : whether it follows Bayes' rule like all else; otherwise it stays at its prior.
     """
 
     models: tuple[PersonModel, ...]
     courtesy: float
-    updated: bool = True
 
     @cached_property
     def groups(self) -> tuple[tuple[int, bool, float], ...]:
@@ -101,39 +109,10 @@ class HypothesisSlots:
         """Sum (N, S) values over each group, and give each hypothesis its group's sum, (N, S)."""
         return np.asarray(self.in_groups(values)[:, self.group])
 
-    def with_prior_courtesy(self, weight: Array) -> Array:
-        """Share the weight (N, S) of each kind among its two groups as in the prior."""
-        kinds = np.array([kind for kind, _, _ in self.groups])
-        shares = np.array([share for _, _, share in self.groups])
-        groups = self.in_groups(weight)
-        same = kinds[:, None] == kinds
-        wanted = groups @ same * shares / (same @ shares)
-        return np.asarray(weight * (wanted / np.maximum(groups, 1e-300))[:, self.group])
-
     def in_groups(self, values: Array) -> Array:
         """Sum (N, S) values over each group, (N, G)."""
         starts = np.flatnonzero(np.diff(self.group, prepend=-1))
         return np.asarray(np.add.reduceat(values, starts, axis=1))
-
-
-@dataclass(frozen=True)
-class Drift:
-    """How fast what is believed loses its hold.
-
-    Attributes
-    ----------
-    turn_rate : 1/s, at which a person takes a new direction, any.
-    shake : m/s, standard deviation of what a step adds to a velocity beside the model.
-    wander : m/s per root of s, of the wanted velocity.
-    forget : share of the prior that a second adds to the probabilities of the groups.
-    least_density : 1/m^2, added to every likelihood: no sample alone rules a hypothesis out.
-    """
-
-    turn_rate: float
-    shake: float
-    wander: float
-    forget: float
-    least_density: float
 
 
 @final
@@ -215,7 +194,6 @@ class PeopleAround:
 
 def stepped(
     slots: HypothesisSlots,
-    drift: Drift,
     before: PersonBeliefs,
     measured: Array,
     noise: Array,
@@ -242,11 +220,11 @@ def stepped(
     if not len(rows):
         return _begun(slots, now, rows, measured, noise, duration)
     some = _taken(before, rows)
-    turn = _Turn.of(slots, drift, some, duration)
+    turn = _Turn.of(slots, some, duration)
     near = PeopleAround(around.radius[rows], around.walls[rows])
-    ahead, slope = _predicted(slots, drift, some, near, before.mean[rows], duration)
+    ahead, slope = _predicted(slots, some, near, before.mean[rows], duration)
     ahead = replace(ahead, weight=turn.weight)
-    later = _corrected(slots, drift, ahead, turn, slope, measured[rows], noise[rows], duration)
+    later = _corrected(slots, ahead, turn, slope, measured[rows], noise[rows], duration)
     leap = np.hypot(*(measured[rows] - ahead.mean[:, :2]).T) > LEAP + LEAP_SPEED * duration
     now = _put(now, rows, later)
     return _begun(slots, now, rows[leap], measured, noise, duration)
@@ -362,15 +340,13 @@ class _Turn:
     width: Array
 
     @classmethod
-    def of(
-        cls, slots: HypothesisSlots, drift: Drift, some: PersonBeliefs, duration: float
-    ) -> "_Turn":
+    def of(cls, slots: HypothesisSlots, some: PersonBeliefs, duration: float) -> "_Turn":
         """Spread the weight of those who turn over the directions of each group.
 
         Where a group has one direction only, the new velocity is as long as the old one and
         anywhere about it.
         """
-        turns = 1.0 - np.exp(-drift.turn_rate * duration)
+        turns = 1.0 - np.exp(-TURN_RATE * duration)
         total = slots.per_group(some.weight)
         coming = turns * total / slots.size
         weight = (1.0 - turns) * some.weight + coming
@@ -385,7 +361,6 @@ class _Turn:
 
 def _predicted(
     slots: HypothesisSlots,
-    drift: Drift,
     some: PersonBeliefs,
     around: PeopleAround,
     expected: Array,
@@ -409,8 +384,8 @@ def _predicted(
     transition[..., :2, 2:] = duration * transition[..., 2:4, 2:]
     state[..., :2] += duration * state[..., 2:4]
     push = np.concatenate([0.5 * duration * np.eye(2), np.eye(2), np.zeros((2, 2))])
-    process = drift.shake**2 * push @ push.T
-    process[4:, 4:] = drift.wander**2 * duration * np.eye(2)
+    process = SHAKE**2 * push @ push.T
+    process[4:, 4:] = WANDER**2 * duration * np.eye(2)
     covariance = transition @ some.covariance @ np.swapaxes(transition, -1, -2) + process
     return replace(some, state=state, covariance=covariance), transition[..., 4:]
 
@@ -488,7 +463,6 @@ def _bounded(slope: Array) -> Array:
 
 def _corrected(
     slots: HypothesisSlots,
-    drift: Drift,
     ahead: PersonBeliefs,
     turn: _Turn,
     slope: Array,
@@ -499,25 +473,23 @@ def _corrected(
     """Return the beliefs after a sample; who was not seen stays as predicted."""
     seen = np.asarray(np.isfinite(measured).all(axis=1), dtype=np.bool_)
     place = np.where(seen[:, None], measured, ahead.mean[:, :2])
-    first = _updated(ahead.state, ahead.covariance, place, noise, drift)
+    first = _updated(ahead.state, ahead.covariance, place, noise)
     turned = ahead.state + (slope @ turn.shift[..., None])[..., 0]
     wider = ahead.covariance + turn.width[..., None, None] ** 2 * (
         slope @ np.swapaxes(slope, -1, -2)
     )
-    other = _updated(turned, wider, place, noise, drift)
+    other = _updated(turned, wider, place, noise)
     state, covariance, density = _merged(first, other, turn.odds)
     best = first[2].max(axis=1, where=ahead.weight > LIKELY, initial=0.0)
     weight = ahead.weight * density
     weight /= weight.sum(axis=1, keepdims=True)
     total = slots.per_group(weight)
     prior = slots.per_group(np.broadcast_to(slots.prior, weight.shape))
-    kept = 1.0 - np.exp(-drift.forget * duration)
+    kept = 1.0 - np.exp(-FORGET * duration)
     weight *= ((1.0 - kept) * total + kept * prior) / np.maximum(total, 1e-300)
-    if not slots.updated:
-        weight = slots.with_prior_courtesy(weight)
     weight /= weight.sum(axis=1, keepdims=True)
     fade = 1.0 - np.exp(-duration / HALF_TIME)
-    strange = ahead.strange + fade * ((best < 2.0 * drift.least_density) - ahead.strange)
+    strange = ahead.strange + fade * ((best < 2.0 * LEAST_DENSITY) - ahead.strange)
     missing = ~seen
     state[missing], covariance[missing] = ahead.state[missing], ahead.covariance[missing]
     weight[missing], strange[missing] = ahead.weight[missing], ahead.strange[missing]
@@ -528,9 +500,9 @@ def _corrected(
 
 
 def _updated(
-    state: Array, covariance: Array, place: Array, noise: Array, drift: Drift
+    state: Array, covariance: Array, place: Array, noise: Array
 ) -> tuple[Array, Array, Array]:
-    """Kalman update with a place (N, 2); density of the place, (N, S), 1/m^2, and `Drift`'s."""
+    """Kalman update with a place (N, 2); its density, (N, S), 1/m^2, and `LEAST_DENSITY`."""
     spread = covariance[..., :2, :2] + noise[:, None]
     a, b, d = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
     determinant = a * d - b * b
@@ -545,7 +517,7 @@ def _updated(
     left = 0.5 * (left + np.swapaxes(left, -1, -2))
     square = (error[..., None, :] @ inverse @ error[..., None])[..., 0, 0]
     density = np.exp(-0.5 * np.minimum(square, 1400.0)) / (2.0 * np.pi * np.sqrt(determinant))
-    return moved, left, density + drift.least_density
+    return moved, left, density + LEAST_DENSITY
 
 
 def _merged(

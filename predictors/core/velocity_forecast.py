@@ -110,4 +110,4 @@ def _joint(
     # What overflows belongs to obstacles that were left to another predictor.
     with np.errstate(all="ignore"):
         joint = process_joint(process, dt, ahead, start, integration, estimation)
-    return cut_steps(joint, steps, process.intercept.shape[1], late)
+    return cut_steps(joint, steps, process.innovation.shape[1], late)

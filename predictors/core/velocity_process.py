@@ -31,18 +31,16 @@ SETTLED = 0.999
 
 @dataclass(frozen=True, eq=False)
 class VelocityProcess:
-    """Vector autoregressions v_h = c + A_1 v_{h-1} + ... + A_p v_{h-p} + u_h.
+    """Vector autoregressions v_h = A_1 v_{h-1} + ... + A_p v_{h-p} + u_h.
 
     Attributes
     ----------
     coefficients : (O, p, D, D), the A_j.
     innovation : (O, D, D), (m/s)^2, covariance of u_h.
-    intercept : (O, D), m/s, the c.
     """
 
     coefficients: Array
     innovation: Array
-    intercept: Array
 
     @property
     def order(self) -> int:
@@ -51,16 +49,13 @@ class VelocityProcess:
 
     def select(self, index: Any) -> "VelocityProcess":
         """Return the processes with these indices, or where this mask is True."""
-        return VelocityProcess(
-            self.coefficients[index], self.innovation[index], self.intercept[index]
-        )
+        return VelocityProcess(self.coefficients[index], self.innovation[index])
 
     def finite(self) -> BoolArray:
         """Tell which processes contain only finite numbers, (O,)."""
-        axes = {2: (1,), 3: (1, 2), 4: (1, 2, 3)}
-        parts = (self.coefficients, self.innovation, self.intercept)
-        finite = [np.isfinite(part).all(axis=axes[part.ndim]) for part in parts]
-        return np.asarray(np.all(finite, axis=0), dtype=np.bool_)
+        known = np.isfinite(self.innovation).all(axis=(1, 2))
+        known &= np.isfinite(self.coefficients).all(axis=(1, 2, 3))
+        return np.asarray(known, dtype=np.bool_)
 
     def companion(self) -> Array:
         """First-order form, (O, p*D, p*D): its eigenvalues show whether velocities explode."""
@@ -85,20 +80,19 @@ class VelocityProcess:
         radius = np.maximum(self.radius(floor=SETTLED), 1.0)
         power = radius[:, None] ** np.arange(1, self.order + 1)
         lags = self.coefficients / power[:, :, None, None]
-        return VelocityProcess(lags, self.innovation, self.intercept)
+        return VelocityProcess(lags, self.innovation)
 
 
 @dataclass(frozen=True, eq=False)
 class Estimation:
     """Uncertainty of the estimated coefficients.
 
-    With B = [c A_1 ... A_p] (no c without an intercept), Cov(vec B) = W W' kron Sigma_u.
+    With B = [A_1 ... A_p], Cov(vec B) = W W' kron Sigma_u.
 
     Attributes
     ----------
     path : (O, p + N, D), m/s, the expected velocities; see `velocity_path`.
-    root : (O, K, K), W; for least squares W W' = (Z'Z)^-1. K is p*D, or p*D + 1 where an
-        intercept was estimated (it comes first).
+    root : (O, K, K), W; for least squares W W' = (Z'Z)^-1. K is p*D.
     """
 
     path: Array
@@ -110,11 +104,11 @@ def velocity_path(process: VelocityProcess, recent: Array, steps: int) -> Array:
 
     ``recent`` holds the known ones newest first, (O, p, D).
     """
-    lags, drift, known = _last(process.coefficients), process.intercept.T, _last(recent)
+    lags, known = _last(process.coefficients), _last(recent)
     order = len(known)
     path = np.concatenate([known[::-1], np.zeros((steps, *known.shape[1:]))])
     for h in range(order, order + steps):
-        path[h] = drift + np.einsum("pijo,pjo->io", lags, path[h - order : h][::-1])
+        path[h] = np.einsum("pijo,pjo->io", lags, path[h - order : h][::-1])
     return np.asarray(np.moveaxis(path, 2, 0))
 
 
@@ -145,20 +139,20 @@ def process_covariances(
     which is the covariance F P F' + G Sigma_u G' of the joint state of position and
     velocities, PSD by construction. X of the coefficients is the delta method's Jacobian
 
-    J_{h+1} = F J_h + G (z_h' kron I),   z_h = (1, v_h, ..., v_{h-p+1})
+    J_{h+1} = F J_h + G (z_h' kron I),   z_h = (v_h, ..., v_{h-p+1})
 
     times a root of Cov(vec B); it is applied to positions, not to velocities alone, where it
     would not mend the sum.
 
     Parameters
     ----------
-    process, integration : of the forecast; the intercept does not matter here.
+    process, integration : of the forecast.
     dt : s.
     steps : N.
     start : (O, (p+1)*D, (p+1)*D), P_0 of (p_k, v_k, ..., v_{k-p+1}).
     estimation : None for known coefficients.
     """
-    count, size = process.intercept.shape
+    count, size = process.innovation.shape[:2]
     spread = np.zeros((steps, size, size, count))
     shocks = np.zeros((size, size, count))
     for h, effect in enumerate(_effects(process, dt, steps, start, integration, estimation)):
@@ -177,7 +171,7 @@ def process_joint(
     estimation: Estimation | None = None,
 ) -> Array:
     """Joint covariance of the positions, (O, N*D, N*D), m^2; see `process_covariances`."""
-    count, size = process.intercept.shape
+    count, size = process.innovation.shape[:2]
     if not steps:
         return np.zeros((count, 0, 0))
     sweep = _effects(process, dt, steps, start, integration, estimation)
@@ -253,11 +247,9 @@ def _effects(
 
 
 def _regressors(estimation: Estimation, order: int, steps: int) -> Array:
-    """z_h before each step, (N, K, O): (1 with an intercept, v_h, ..., v_{h-p+1})."""
+    """z_h before each step, (N, K, O): (v_h, ..., v_{h-p+1})."""
     path = np.ascontiguousarray(estimation.path.transpose(1, 2, 0))
-    lags = [path[order - 1 - lag :][:steps] for lag in range(order)]
-    constant = estimation.root.shape[1] - order * path.shape[1]
-    return np.concatenate([np.ones((steps, constant, path.shape[2])), *lags], axis=1)
+    return np.concatenate([path[order - 1 - lag :][:steps] for lag in range(order)], axis=1)
 
 
 def _last(array: Array) -> Array:

@@ -13,7 +13,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Truth
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors import BUILT_IN
+from wideberth.predictors import BUILT_IN, constant_velocity
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.kalman import Kalman
@@ -63,7 +63,7 @@ SETTINGS = Contract.of(
         Kalman(acceleration_density=1e-4, history=5),
         Oracle(fallback=Static()),
         VectorAutoregression(gate=False, minimum_history=4),
-        VectorAutoregression(covariance="paper", integration="trapezoid", trend="c"),
+        VectorAutoregression(covariance="paper", integration="trapezoid"),
         VectorAutoregression(covariance="paper-literal", order=1, fallback=ConstantVelocity()),
     ],
     lambda one: check_predictor.laws(one, dimensions=(2,), rng=np.random.default_rng(8)),
@@ -108,7 +108,7 @@ def test_late_forecasts_drop_the_steps_gone_by(predictor):
 
 
 def test_static_spreads_as_an_unknown_velocity():
-    forecast = Static(spread_rate=0.4, noise_floor=0.01).predict(tracks_of([line(4)]), 5)
+    forecast = Static(spread_rate=0.4).predict(tracks_of([line(4)]), 5)
     np.testing.assert_allclose(forecast.mean[0, 0], np.tile(line(4)[-1], (5, 1)))
     times = DT * np.arange(1, 6)
     wanted = 0.02**2 + 0.01**2 + 0.16 * np.outer(times, times)
@@ -128,10 +128,11 @@ def simulated_drift(runs, samples, steps, density, noise, rng):
 
 
 @pytest.mark.parametrize("window", [1, 4])
-def test_constant_velocity_covariance_against_simulation(window):
+def test_constant_velocity_covariance_against_simulation(window, monkeypatch):
+    monkeypatch.setattr(constant_velocity, "NOISE_FLOOR", 1e-9)
     rng, runs, density, noise = np.random.default_rng(0), 3000, 0.05, 0.05
     truth, seen = simulated_drift(runs, 8, 6, density, noise, rng)
-    predictor = ConstantVelocity(window, density, noise_floor=1e-9)
+    predictor = ConstantVelocity(window, density)
     forecast = predictor.predict(tracks_of(seen[:, :8], noise), 6)
     error = (truth[:, 8:] - forecast.mean[:, 0]).reshape(runs, -1)
     joint = forecast.joint[0, 0]
@@ -260,7 +261,6 @@ def test_never_observed_is_a_reason_and_a_wide_finite_spread():
     ("maker", "words"),
     [
         (lambda: Static(spread_rate=-1.0), "static.spread_rate is -1"),
-        (lambda: Static(noise_floor=0.0), "static.noise_floor is 0"),
         (lambda: ConstantVelocity(window=0), "constant_velocity.window is 0"),
         (lambda: Kalman(acceleration_density=0.0), "kalman.acceleration_density is 0"),
         (lambda: Kalman(history=0), "kalman.history is 0"),

@@ -16,8 +16,7 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.core.best_response import Table
-from wideberth.predictors.game import Game
+from wideberth.predictors.game import Game, Table
 from wideberth.predictors.oracle import Oracle
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_3d import Holonomic3D
@@ -261,7 +260,7 @@ def test_games_about_games_and_numbers_out_of_range_are_refused():
     flying = replace(GAME.planner, robot=Holonomic3D(), static_region=None)  # of the plane
     with pytest.raises(WideberthError, match=r"moves in 3 dimensions; wanted 2"):
         Game(flying)
-    for name, value in {"iterations": 0, "agents": 0, "memory": 0.0}.items():
+    for name, value in {"iterations": 0, "agents": 0}.items():
         with pytest.raises(WideberthError, match=f"game.{name}"):
             Game(GAME.planner, **{name: value})
 

@@ -109,5 +109,3 @@ def test_settings():
     check_predictor(ConstantAcceleration(2.0, 1e5), dimensions=(2,))
     with pytest.raises(WideberthError, match=r"constant_acceleration\.time_constant is 0"):
         ConstantAcceleration(time_constant=0.0)
-    with pytest.raises(WideberthError, match=r"constant_acceleration\.history is 0"):
-        ConstantAcceleration(history=0)

@@ -73,7 +73,7 @@ def test_any_network_keeps_the_laws(modes, gain):
 def test_unfitted_says_what_it_states():
     rate, heading = 1.3, np.array([0.6, 0.8])
     track = DT * rate * np.arange(10)[:, None] * heading + [5.0, -2.0]
-    forecast = MixtureDensity(noise_floor=0.01).predict(tracks_of([track]), 12)
+    forecast = MixtureDensity().predict(tracks_of([track]), 12)
     times = DT * np.arange(1, 13)
     wanted = track[-1] + rate * times[:, None] * heading
     np.testing.assert_allclose(forecast.mean[0, 0], wanted, atol=1e-12)
@@ -199,7 +199,7 @@ def test_three_dimensions_go_to_the_fallback():
 
 
 def test_config_and_file_rebuild_the_same_predictor(tmp_path):
-    predictor = MixtureDensity(noise_floor=0.02, fitted=network())
+    predictor = MixtureDensity(fitted=network())
     assert build("predictor", json.loads(json.dumps(describe(predictor)))) == predictor
     path = save_plugin(tmp_path / "net.json", "predictor", predictor)
     again = load_plugin(path, "predictor")

@@ -135,9 +135,7 @@ def test_the_forecast_is_what_the_training_scored():
     rng = np.random.default_rng(5)
     positions = DT * np.cumsum(1.0 + 0.4 * rng.standard_normal((160, 13, 2)), axis=1)
     windows = cut_windows(scene_of(positions), 8, STEPS)
-    fitted = MixtureDensity(predicted=STEPS, rounds=1, noise_floor=FLOOR).fit(
-        [scene_of(positions)]
-    )
+    fitted = MixtureDensity(predicted=STEPS, rounds=1).fit([scene_of(positions)])
     data, net = Material.of([windows]), fitted.fitted
     seen = data.examples(data.past, data.future)
     raw = forward(np, net.arrays, seen.inputs)

@@ -17,10 +17,9 @@ from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.tracks import Tracks
 from wideberth.people.models import CircularForce, Reciprocal, Straight
 from wideberth.people.walls import WallField
-from wideberth.predictors.core.crowd_rollout import Movers, on_grid, rolled_out
 from wideberth.predictors.core.person_belief import HypothesisSlots, PersonBeliefs
 from wideberth.predictors.kalman import Kalman
-from wideberth.predictors.reacting_people import ReactingPeople
+from wideberth.predictors.reacting_people import Movers, ReactingPeople, on_grid, rolled_out
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import run_episode
@@ -167,24 +166,13 @@ def test_courtesy_is_inferred_from_an_encounter(courteous):
     assert told.courtesy > 0.9 if courteous else told.courtesy < 0.1
 
 
-@pytest.mark.parametrize("assumed", [0.0, 0.3, 1.0])
-def test_courtesy_that_is_held_stays_whatever_is_seen(assumed):
-    people = ReactingPeople(courtesy=assumed, update_courtesy=False)
+@pytest.mark.parametrize("assumed", [0.0, 1.0])
+def test_certainty_about_courtesy_stays_whatever_is_seen(assumed):
+    people = ReactingPeople(courtesy=assumed)
     people, tracks, scene = followed(people, *passing(True))
     (told,) = people.beliefs(tracks, scene)
     assert told.courtesy == pytest.approx(assumed, abs=1e-12)
     assert max(told.kinds.values()) > 0.5  # all else is learnt
-
-
-@pytest.mark.parametrize("assumed", [0.0, 1.0])
-def test_certainty_about_courtesy_is_not_updated(assumed):
-    seen, robots = passing(True, seconds=4.0)
-    both = [
-        followed(ReactingPeople(courtesy=assumed, update_courtesy=updated), seen, robots)
-        for updated in (False, True)
-    ]
-    held, updated = (people.predict(tracks, 20, scene).mean for people, tracks, scene in both)
-    assert held == pytest.approx(updated, abs=1e-9)
 
 
 def test_who_is_taken_for_blind_is_forecast_as_if_there_were_no_robot():

@@ -1,6 +1,4 @@
-"""Turning bodies: both filters against filterpy and closed forms, and when they step aside."""
-
-from math import factorial
+"""Turning bodies: the filter against filterpy and closed forms, and when they step aside."""
 
 import numpy as np
 import pytest
@@ -15,8 +13,6 @@ from wideberth.predictors.coordinated_turn import (
     CoordinatedTurn,
     TurnModel,
     _chords,
-    _sinc_slope,
-    extended_step,
     filter_turns,
     floored_root,
     position_update,
@@ -86,19 +82,6 @@ def test_noise_acts_along_the_heading_and_on_the_turn():
         np.testing.assert_allclose(noise, wanted, atol=1e-15)
 
 
-@pytest.mark.parametrize("rate", [None, 0.0, 1e-9, 1e-3, 0.039, 0.041])
-def test_the_jacobian_is_the_derivative(rate):
-    model = model_of()
-    state, _ = states(20, seed=1)
-    if rate is not None:
-        state[:, 4] = rate
-    slope, step = model.jacobian(state), 1e-6
-    for k in range(5):
-        shift = step * np.eye(5)[k]
-        change = (model.moved(state + shift) - model.moved(state - shift)) / (2 * step)
-        np.testing.assert_allclose(slope[:, :, k], change, atol=1e-8)
-
-
 def measured(seed=2):
     rng = np.random.default_rng(seed)
     path = circle(12) + 0.03 * rng.standard_normal((12, 2))
@@ -111,32 +94,13 @@ def measured(seed=2):
     )
 
 
-def run(step, path, start, spread, noise, model):
+def run(path, start, spread, noise, model):
     past = gather(tracks_of([path]))
     first = start.copy()
     first[:2] -= past.origin[0]
-    state, covariance, _ = filter_turns(
-        past, noise[None], (first[None], spread[None]), model, step
-    )
+    state, covariance, _ = filter_turns(past, noise[None], (first[None], spread[None]), model)
     state[0, :2] += past.origin[0]
     return state[0], covariance[0]
-
-
-def test_extended_filter_equals_filterpy():
-    from filterpy.kalman import ExtendedKalmanFilter
-
-    path, start, spread, noise = measured()
-    model = model_of()
-    engine = ExtendedKalmanFilter(5, 2)
-    engine.x, engine.P, engine.R = start.copy(), spread.copy(), noise
-    engine.predict_x = lambda u: setattr(engine, "x", model.moved(engine.x))
-    for position in path[1:]:
-        engine.F, engine.Q = model.jacobian(engine.x[None])[0], model.process(engine.x[None])[0]
-        engine.predict()
-        engine.update(position, lambda x: np.eye(2, 5), lambda x: x[:2])
-    state, covariance = run(extended_step, path, start, spread, noise, model)
-    np.testing.assert_allclose(state, engine.x, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(covariance, engine.P, rtol=0, atol=1e-11)
 
 
 def test_unscented_filter_equals_filterpy():
@@ -153,7 +117,7 @@ def test_unscented_filter_equals_filterpy():
         engine.Q = model.process(engine.x[None])[0]
         engine.predict()
         engine.update(position)
-    state, covariance = run(unscented_step, path, start, spread, noise, model)
+    state, covariance = run(path, start, spread, noise, model)
     np.testing.assert_allclose(state, engine.x, rtol=0, atol=1e-10)
     np.testing.assert_allclose(covariance, engine.P, rtol=0, atol=1e-10)
 
@@ -181,26 +145,27 @@ def test_sigma_points_give_mean_and_spread_of_a_turn_better_than_a_tangent():
     draws = model.moved(rng.multivariate_normal(state[0], spread[0], size=400_000))
     mean, covariance = draws.mean(axis=0), np.cov(draws.T) + model.process(state)[0]
     sigma, sigma_spread, _ = unscented_step(state, spread, model)
-    tangent, _, _ = extended_step(state, spread, model)
+    tangent = model.moved(state)
     assert abs(sigma[0, 0] - mean[0]) < 0.1 * abs(tangent[0, 0] - mean[0])
     np.testing.assert_allclose(sigma_spread[0, :2, :2], covariance[:2, :2], atol=3e-3)
 
 
-@pytest.mark.parametrize("step", [extended_step, unscented_step])
-def test_the_returned_slope_is_the_cross_covariance(step):
+def test_the_returned_slope_is_the_cross_covariance():
+    """For small covariances that is the derivative of the motion."""
     state, spread = states(6, seed=4)
     spread *= 1e-6
-    _, after, slope = step(state, spread, model_of())
-    wanted = model_of().jacobian(state)
-    np.testing.assert_allclose(slope, wanted, atol=1e-2)
+    _, after, slope = unscented_step(state, spread, model_of())
+    shifts = 1e-6 * np.eye(5)[:, None]
+    wanted = (model_of().moved(state + shifts) - model_of().moved(state - shifts)) / 2e-6
+    np.testing.assert_allclose(slope, np.moveaxis(wanted, 0, 2), atol=1e-2)
     rest = after - slope @ spread @ slope.swapaxes(1, 2) - model_of().process(state)
     assert np.linalg.eigvalsh(rest).min() > -1e-12
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
-def test_it_drives_on_along_the_circle(kind):
+def test_it_drives_on_along_the_circle(monkeypatch):
+    monkeypatch.setattr(coordinated_turn, "NOISE_FLOOR", 1e-3)
     path = circle(60)
-    predictor = CoordinatedTurn(turn_time=LASTING, yaw_rate=0.5, noise_floor=1e-3, filter=kind)
+    predictor = CoordinatedTurn(turn_time=LASTING, yaw_rate=0.5)
     forecast = predictor.predict(tracks_of([path[:45]], noise=1e-4), 15)
     assert forecast.fallback == (None,)
     error = np.linalg.norm(forecast.mean[0, 0] - path[45:], axis=1)
@@ -210,22 +175,22 @@ def test_it_drives_on_along_the_circle(kind):
     assert error[-1] < 0.15 * np.linalg.norm(plain[-1] - path[-1])
 
 
-def test_many_turns_wrap_nothing():
+def test_many_turns_wrap_nothing(monkeypatch):
+    monkeypatch.setattr(coordinated_turn, "FILTERED", 400)
     path = circle(400, rate=1.0)
-    predictor = CoordinatedTurn(turn_time=LASTING, yaw_rate=0.5, history=400, filter="ekf")
+    predictor = CoordinatedTurn(turn_time=LASTING, yaw_rate=0.5)
     early = predictor.predict(tracks_of([path[:200]]), 5)
     assert early.fallback == (None,)
     error = np.linalg.norm(early.mean[0, 0] - path[200:205], axis=1)
     assert error.max() < 0.2
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
-def test_joint_and_marginal_covariances_agree(kind):
+def test_joint_and_marginal_covariances_agree():
     rng = np.random.default_rng(6)
     paths = np.stack([circle(20, heading=h) for h in (0.0, 2.0, -2.0)])
     positions = paths + 0.01 * rng.standard_normal(paths.shape)
     positions[1, -2:] = NAN
-    forecast = CoordinatedTurn(filter=kind).predict(tracks_of(positions), 6)
+    forecast = CoordinatedTurn().predict(tracks_of(positions), 6)
     assert forecast.fallback == (None,) * 3
     blocks = forecast.joint[:, 0].reshape(3, 6, 2, 6, 2)[:, np.arange(6), :, np.arange(6)]
     np.testing.assert_allclose(blocks.swapaxes(0, 1), forecast.covariance[:, 0], atol=1e-12)
@@ -262,18 +227,9 @@ def test_it_says_why_another_predictor_is_asked():
 
 
 def test_settings():
-    check_predictor(CoordinatedTurn(filter="ekf", turn_time=LASTING))
-    with pytest.raises(WideberthError, match=r"coordinated_turn\.filter is 'ckf'"):
-        CoordinatedTurn(filter="ckf")
+    check_predictor(CoordinatedTurn(turn_time=LASTING))
     with pytest.raises(WideberthError, match=r"coordinated_turn\.yaw_rate is 0"):
         CoordinatedTurn(yaw_rate=0.0)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, -3e-3, 9.99e-3, 0.4])
-def test_the_slope_of_the_chord_keeps_all_digits(angle):
-    """sin(u)/u = sum (-1)^k u^2k / (2k+1)!, term by term."""
-    terms = [(-1) ** k * 2 * k * angle ** (2 * k - 1) / factorial(2 * k + 1) for k in range(1, 12)]
-    assert float(_sinc_slope(np.array(angle))) == pytest.approx(sum(terms), rel=3e-12, abs=0.0)
 
 
 def test_filtering_together_is_filtering_one_by_one():
@@ -286,11 +242,11 @@ def test_filtering_together_is_filtering_one_by_one():
     tracks = tracks_of(positions)
     past, model = gather(tracks), model_of()
     start = states(3, 2)
-    found = filter_turns(past, tracks.noise, start, model, extended_step)
+    found = filter_turns(past, tracks.noise, start, model)
     for o, (state, spread) in enumerate(zip(*start, strict=True)):
         state, spread, fit = state[None], spread[None], []
         for column in range(int(past.began[o]) + 1, 9):
-            state, spread, _ = extended_step(state, spread, model)
+            state, spread, _ = unscented_step(state, spread, model)
             if past.observed[o, column]:
                 place = past.positions[o, column][None]
                 state, spread, surprise = position_update(

@@ -18,8 +18,7 @@ from wideberth.predictors.core.velocity_process import (
     velocity_path,
 )
 from wideberth.predictors.kalman import Kalman
-from wideberth.predictors.static import Static
-from wideberth.predictors.var import VectorAutoregression
+from wideberth.predictors.var import HISTORY, VectorAutoregression
 
 DT = 0.5
 LAGS = np.array([[[0.8, 0.15], [-0.1, 0.7]], [[0.1, 0.0], [0.05, 0.15]]])
@@ -49,16 +48,15 @@ def velocities(positions):
 
 def fit(paths):
     began = np.zeros(len(paths), dtype=np.int64)
-    return fit_velocities(np.diff(paths, axis=1) / DT, began, 2, "n", 1e6)
+    return fit_velocities(np.diff(paths, axis=1) / DT, began, 2, 1e6)
 
 
-@pytest.mark.parametrize("trend", ["n", "c"])
-def test_paper_setting_reproduces_the_papers_equations(trend):
+def test_paper_setting_reproduces_the_papers_equations():
     from statsmodels.tsa.api import VAR
 
     path = simulate(1, 60, np.random.default_rng(2), intercept=(0.05, 0.02))
     data, steps = velocities(path[0]), 15
-    result = VAR(data).fit(2, trend=trend)
+    result = VAR(data).fit(2, trend="n")
     mean_velocity, spread = result.forecast(data[-2:], steps), result.mse(steps)
     mean, before = [path[0, -1]], data[-1]
     mended, literal = [0.03**2 * np.eye(2)], [0.03**2 * np.eye(2)]
@@ -70,7 +68,7 @@ def test_paper_setting_reproduces_the_papers_equations(trend):
         before, lagged = mean_velocity[i], spread[i]
     for rule, wanted in (("paper", mended), ("paper-literal", literal)):
         predictor = VectorAutoregression(
-            covariance=rule, integration="trapezoid", trend=trend, gate=False, noise_floor=0.0
+            covariance=rule, integration="trapezoid", gate=False, noise_floor=0.0
         )
         forecast = predictor.predict(tracks_of(path, noise=0.03), steps)
         assert forecast.fallback == (None,) and forecast.joint is None
@@ -95,7 +93,7 @@ def test_estimation_covariance_against_simulated_refits():
     """Refit on many histories of one process from one end: the means scatter as stated."""
     rng, steps, runs = np.random.default_rng(4), 8, 600
     innovation = np.tile(ROOT @ ROOT.T, (runs, 1, 1))
-    truth = VelocityProcess(np.tile(LAGS, (runs, 1, 1, 1)), innovation, np.zeros((runs, 2)))
+    truth = VelocityProcess(np.tile(LAGS, (runs, 1, 1, 1)), innovation)
     recent = np.tile([[0.4, 0.1], [0.35, 0.12]], (runs, 1, 1))
     fits = fit(simulate(runs, 240, rng))
     means = displacements(velocity_path(fits.process, recent, steps), 2, DT, "rectangle")
@@ -158,24 +156,12 @@ def test_reasons_name_what_failed():
     np.testing.assert_allclose(forecast.joint[1], filtered.joint[0])
 
 
-def test_trend_c_fails_on_a_constant_component():
-    rng = np.random.default_rng(7)
-    path = simulate(1, 40, rng)
-    path[0, :, 1] = DT * 0.5 * np.arange(40)
-    settings = {"trend": "c", "fallback": Static()}
-    forecast = VectorAutoregression(backend="statsmodels", **settings).predict(tracks_of(path), 3)
-    assert forecast.fallback[0].startswith("var: statsmodels: ")
-    batched = VectorAutoregression(**settings).predict(tracks_of(path), 3)
-    assert batched.fallback == ("var: velocities are collinear (condition inf)",)
-    np.testing.assert_allclose(forecast.mean[0, 0], np.tile(path[0, -1], (3, 1)))
-
-
 def test_few_degrees_of_freedom_are_refused():
     path = simulate(1, 9, np.random.default_rng(8))
-    few = VectorAutoregression(minimum_history=5, history=9)
+    few = VectorAutoregression(minimum_history=5)
     reason = few.predict(tracks_of(path), 2).fallback[0]
     assert reason == "var: 2 residual degrees of freedom, needs 4"
-    none = VectorAutoregression(minimum_history=5, history=9, gate=False)
+    none = VectorAutoregression(minimum_history=5, gate=False)
     reason = none.predict(tracks_of(path[:, :6]), 2).fallback[0]
     assert reason == "var: -1 residual degrees of freedom"
 
@@ -192,7 +178,7 @@ def test_late_forecasts_drop_the_steps_gone_by():
     path = simulate(1, 60, np.random.default_rng(10))
     gone = np.concatenate([path, np.full((1, 2, 2), np.nan)], axis=1)
     for covariance in ("exact+estimation", "paper"):
-        predictor = VectorAutoregression(covariance=covariance, history=50)
+        predictor = VectorAutoregression(covariance=covariance)
         early = predictor.predict(tracks_of(path), 7)
         late = predictor.predict(tracks_of(gone), 5)
         np.testing.assert_allclose(late.mean, early.mean[:, :, 2:], atol=1e-12)
@@ -200,9 +186,9 @@ def test_late_forecasts_drop_the_steps_gone_by():
 
 
 def test_only_the_newest_history_is_used():
-    path = simulate(1, 90, np.random.default_rng(11))
-    wanted = VectorAutoregression(history=40).predict(tracks_of(path[:, 50:]), 5)
-    got = VectorAutoregression(history=40).predict(tracks_of(path), 5)
+    path = simulate(1, HISTORY + 50, np.random.default_rng(11))
+    wanted = VectorAutoregression().predict(tracks_of(path[:, 50:]), 5)
+    got = VectorAutoregression().predict(tracks_of(path), 5)
     np.testing.assert_array_equal(got.mean, wanted.mean)
 
 
@@ -225,11 +211,9 @@ def test_a_trackers_state_covariance_replaces_the_start():
     [
         ({"covariance": "exakt"}, "var.covariance is 'exakt'; wanted one of paper-literal"),
         ({"integration": "euler"}, "var.integration is 'euler'"),
-        ({"trend": "ct"}, "var.trend is 'ct'"),
         ({"backend": "numpy"}, "var.backend is 'numpy'"),
         ({"order": 0}, "var.order is 0"),
         ({"minimum_history": 3}, "var.minimum_history is 3"),
-        ({"history": 10}, "var.history is 10"),
         ({"max_speed": 0.0}, "var.max_speed is 0"),
     ],
 )

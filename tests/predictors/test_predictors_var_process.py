@@ -38,23 +38,23 @@ RATIO = {"persistent": 4.63, "random walk": 4.70, "AR(1) 0.5": 2.38, "white": 1.
 
 def planar(first, second):
     lags = np.stack([first * np.eye(2), second * np.eye(2)])
-    return VelocityProcess(lags[None], 0.01 * np.eye(2)[None], np.zeros((1, 2)))
+    return VelocityProcess(lags[None], 0.01 * np.eye(2)[None])
 
 
 def tilted(size=2, order=2):
-    """A stable process that mixes axes, with an intercept."""
+    """A stable process that mixes axes."""
     rng = np.random.default_rng(5)
     lags = 0.35 * rng.standard_normal((order, size, size)) / size + 0.35 * np.eye(size)
     root = 0.2 * rng.standard_normal((size, size))
     innovation = root @ root.T + 0.01 * np.eye(size)
-    return VelocityProcess(lags[None], innovation[None], 0.1 * rng.random((1, size)))
+    return VelocityProcess(lags[None], innovation[None])
 
 
 def test_one_number_that_is_not_finite_spoils_one_process():
     whole = tilted()
-    parts = (whole.coefficients, whole.innovation, whole.intercept)
+    parts = (whole.coefficients, whole.innovation)
     assert whole.finite().tolist() == [True]
-    for spoilt in range(3):
+    for spoilt in range(2):
         pair = [np.concatenate([part, part]) for part in parts]
         pair[spoilt][1].flat[0] = np.inf
         assert VelocityProcess(*pair).finite().tolist() == [True, False]
@@ -70,7 +70,7 @@ def simulate(process, runs, steps, rng, burn=0, start=None):
     for h in range(order, path.shape[1]):
         for lag, matrix in enumerate(process.coefficients[0]):
             path[:, h] += path[:, h - 1 - lag] @ matrix.T
-        path[:, h] += process.intercept + rng.standard_normal((runs, size)) @ root.T
+        path[:, h] += rng.standard_normal((runs, size)) @ root.T
     return path[:, burn:]
 
 
@@ -204,7 +204,7 @@ def test_start_covariance_is_carried_along():
     )
     spread = np.sqrt((np.outer(np.diag(start), np.diag(start)) + start**2) / 40_000)
     assert (np.abs(np.cov(state.T) - start) < 3.5 * spread + 1e-18).all()
-    quiet = VelocityProcess(process.coefficients, 1e-30 * np.eye(2)[None], process.intercept)
+    quiet = VelocityProcess(process.coefficients, 1e-30 * np.eye(2)[None])
     transition, _ = state_model(quiet, DT, "rectangle")
     power = np.linalg.matrix_power(transition, 4)
     joint = process_joint(quiet, DT, 4, start[None], "rectangle")[0]
@@ -231,22 +231,18 @@ def test_joint_equals_the_state_space_recursion(rule, size, order):
 
 
 @pytest.mark.parametrize("rule", ["rectangle", "trapezoid"])
-@pytest.mark.parametrize("extra", [0, 1])
-def test_estimation_term_against_finite_differences(rule, extra):
+def test_estimation_term_against_finite_differences(rule):
     process, steps = tilted(), 6
     recent = np.array([[0.3, 0.2], [0.4, 0.1]])
-    count = 4 + extra
-    root = np.random.default_rng(6).standard_normal((count, count)) / 7
+    root = np.random.default_rng(6).standard_normal((4, 4)) / 7
 
     def positions(flat):
-        matrix = flat.reshape(count, 2).T  # vec is column by column
-        intercept = matrix[:, 0] if extra else process.intercept[0]
-        lags = matrix[:, extra:].reshape(2, 2, 2).swapaxes(0, 1)
-        changed = VelocityProcess(lags[None], process.innovation, intercept[None])
+        matrix = flat.reshape(4, 2).T  # vec is column by column
+        lags = matrix.reshape(2, 2, 2).swapaxes(0, 1)
+        changed = VelocityProcess(lags[None], process.innovation)
         return mean_position(changed, recent, steps, rule)
 
-    blocks = [process.intercept[0][:, None]] if extra else []
-    flat = np.concatenate([*blocks, *process.coefficients[0]], axis=1).T.ravel()
+    flat = np.concatenate([*process.coefficients[0]], axis=1).T.ravel()
     step = 1e-6
     jacobian = np.stack(
         [(positions(flat + step * e) - positions(flat - step * e)) / (2 * step)
@@ -267,7 +263,7 @@ def test_estimation_term_against_finite_differences(rule, extra):
 
 def test_a_singular_start_and_innovation_are_no_trouble():
     flat = np.array([[0.04, 0.02], [0.02, 0.01]])  # rank one
-    process = VelocityProcess(tilted().coefficients, flat[None], np.zeros((1, 2)))
+    process = VelocityProcess(tilted().coefficients, flat[None])
     start = np.kron(np.ones((3, 3)), flat)[None]
     transition, entry = state_model(process, DT, "rectangle")
     wanted = joint_covariance(transition, entry @ flat @ entry.T, start[0], 2, 5)
@@ -293,7 +289,7 @@ def test_obstacles_do_not_touch_each_other():
     first, second = tilted(), planar(0.9, 0.05)
     both = VelocityProcess(
         *(np.concatenate([getattr(one, name) for one in (first, second)])
-          for name in ("coefficients", "innovation", "intercept"))
+          for name in ("coefficients", "innovation"))
     )  # fmt: skip
     recent = np.random.default_rng(9).standard_normal((2, 2, 2))
     start = differenced_noise(np.stack([np.eye(2), np.diag([0.1, 0.2])]), DT, 2)

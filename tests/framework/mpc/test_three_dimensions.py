@@ -28,6 +28,7 @@ from wideberth.regions.minimum_area import MinimumArea
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.measures.summary import robot_rows, summarise
+from wideberth.simulation.scenarios import crossing_3d
 from wideberth.simulation.scenarios.crossing_3d import Crossing3D
 from wideberth.solvers.riccati.solver import Riccati
 
@@ -37,7 +38,7 @@ REGIONS = [
 ]
 STEPS = {"whitened_box": 5}  # of which every iteration takes ten times as long
 UNSAFE = {"du_toit"}  # the density at the robot's centre says little about a ball of 0.8 m
-SHORT = Crossing3D(reach=(3.0, 3.0), passers=2, lag=(0.2, 0.4))
+SHORT = Crossing3D(passers=2)
 PREDICTORS = {
     "constant_velocity": {"acceleration_density": 0.007},
     "kalman": {"acceleration_density": 0.007},
@@ -60,7 +61,10 @@ def flown(flight: Flight, **parts: object) -> Episode:
     """Play the short scenario under the shipped planner with some parts exchanged."""
     planner = flight.planner
     assert isinstance(planner, Planner)
-    return play(SHORT, flight.robot, replace(planner, **parts), flight.settings, 1)  # type: ignore[arg-type]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(crossing_3d, "REACH", (3.0, 3.0))
+        patch.setattr(crossing_3d, "LAG", (0.2, 0.4))
+        return play(SHORT, flight.robot, replace(planner, **parts), flight.settings, 1)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -127,8 +131,9 @@ def test_progress_on_a_helix_needs_the_height() -> None:
     assert ahead.direction[:, 2] == pytest.approx(climb, rel=1e-3)
 
 
-def test_scenario_meets_in_the_origin_with_the_lag() -> None:
-    scene = Crossing3D(lag=(0.7, 0.7))
+def test_scenario_meets_in_the_origin_with_the_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(crossing_3d, "LAG", (0.7, 0.7))
+    scene = Crossing3D()
     for seed in range(20):
         first, second = scene.cast(seed).placements
         waits = [np.linalg.norm(one.path.points[0]) / one.speed for one in (first, second)]
@@ -152,7 +157,9 @@ def test_passers_meet_their_robot_and_leave_the_starts_alone() -> None:
         for number, passer in enumerate(passers):
             target = placements[number % 2]
             apart = np.linalg.norm(passer.at(clock) - target.path.at(target.speed * clock), axis=1)
-            assert apart.min() <= np.sqrt(2.0) * scene.sway + 0.02  # how far the sway reaches
+            assert (
+                apart.min() <= np.sqrt(2.0) * crossing_3d.SWAY + 0.02
+            )  # how far the sway reaches
             for one in placements:
                 gap = passer.at(clock[:300]) - one.path.at(one.speed * clock[:300])
                 assert np.linalg.norm(gap, axis=1).min() > 1.1
@@ -162,11 +169,6 @@ def test_passers_meet_their_robot_and_leave_the_starts_alone() -> None:
     ("build", "message"),
     [
         (lambda: Crossing3D(passers=-1), "passers"),
-        (lambda: Crossing3D(sway=-0.1), "sway"),
-        (lambda: Crossing3D(share=(0.2, 1.2)), "share"),
-        (lambda: Crossing3D(lag=(0.0, 50.0)), "lag"),
-        (lambda: Crossing3D(climb=(0.0, 2.0)), "climb"),
-        (lambda: Crossing3D(passer_speed=(0.0, 1.0)), "passer_speed"),
         (lambda: Holonomic3D(max_acceleration=0.0), "holonomic_3d.max_acceleration"),
         (lambda: shipped("robot.type=holonomic"), "2 dimensions"),
         (lambda: shipped("regions={}"), "at least one"),
@@ -179,8 +181,11 @@ def test_bad_values_name_themselves(build: object, message: str) -> None:
 
 
 def test_no_room_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wideberth.simulation.scenarios.crossing_3d.DRAWS", 50)
-    crowd = Crossing3D(passers=60, reach=(3.0, 3.0), passer_radius=1.0, share=(0.5, 0.5))
+    for name, value in {
+        "DRAWS": 50, "REACH": (3.0, 3.0), "PASSER_RADIUS": 1.0, "SHARE": (0.5, 0.5)
+    }.items():  # fmt: skip
+        monkeypatch.setattr(crossing_3d, name, value)
+    crowd = Crossing3D(passers=60)
     with pytest.raises(WideberthError, match="passer 1 of 60 found no room"):
         crowd.cast(0)
 

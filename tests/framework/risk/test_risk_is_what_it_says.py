@@ -19,7 +19,7 @@ from wideberth.framework.region import Guarantee
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors import BUILT_IN
+from wideberth.predictors import BUILT_IN, constant_velocity, pooled_var, static
 from wideberth.predictors.constant_acceleration import ConstantAcceleration
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.history import gather
@@ -28,7 +28,7 @@ from wideberth.predictors.core.velocity_forecast import past_velocities
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.pooled_var import IsotropicProcess, PooledVectorAutoregression
 from wideberth.predictors.static import Static
-from wideberth.predictors.var import CONDITION, VectorAutoregression
+from wideberth.predictors.var import CONDITION, HISTORY, VectorAutoregression
 
 DRAWS, DT, STEPS, SEEN = 10_000, 0.5, 8, 16
 TAIL, MARGIN = 0.05, 0.8
@@ -82,6 +82,13 @@ def linear(rng, drift, density, start, count):
     return places
 
 
+@pytest.fixture(autouse=True)
+def stated_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The noise is what the tracks state, and no more."""
+    for module in (constant_velocity, pooled_var, static):
+        monkeypatch.setattr(module, "NOISE_FLOOR", 1e-6)
+
+
 def split(places):
     return places[:, :SEEN], places[:, SEEN:]
 
@@ -102,7 +109,7 @@ def draw_constant_acceleration(rng) -> Drawn:
 
 
 def draw_constant_velocity(rng) -> Drawn:
-    predictor = ConstantVelocity(window=5, acceleration_density=0.05, noise_floor=1e-6)
+    predictor = ConstantVelocity(window=5, acceleration_density=0.05)
     drift = np.array([[0.0, 1.0], [0.0, 0.0]])
     past, truth = split(linear(rng, drift, 0.05, np.array([0.0, 0.49]), SEEN + STEPS))
     return forecast_of(predictor, measured(rng, past), truth)
@@ -111,7 +118,7 @@ def draw_constant_velocity(rng) -> Drawn:
 def draw_static(rng) -> Drawn:
     velocity = 0.3 * rng.standard_normal((DRAWS, 1, 2))
     truth = DT * np.arange(1.0, STEPS + 1)[:, None] * velocity
-    return forecast_of(Static(0.3, 1e-6), measured(rng, np.zeros((DRAWS, 1, 2))), truth)
+    return forecast_of(Static(0.3), measured(rng, np.zeros((DRAWS, 1, 2))), truth)
 
 
 def autoregressed(rng, lags, root, recent, steps):
@@ -129,7 +136,7 @@ def draw_pooled_var(rng) -> Drawn:
     recent = 0.3 * rng.standard_normal((DRAWS, 2, 2))
     places = DT * np.cumsum(autoregressed(rng, lags, root, recent, SEEN + STEPS), axis=1)
     past, truth = split(places)
-    predictor = PooledVectorAutoregression(noise_floor=1e-6, fitted=law)
+    predictor = PooledVectorAutoregression(fitted=law)
     return forecast_of(predictor, measured(rng, past), truth)
 
 
@@ -142,9 +149,9 @@ def draw_var(rng) -> Drawn:
     predictor = VectorAutoregression(covariance="exact", noise_floor=0.0)
     forecast = predictor.predict(tracks_of(seen), STEPS)
     assert forecast.fallback == (None,)
-    past = gather(tracks_of(seen), length=predictor.history)
+    past = gather(tracks_of(seen), length=HISTORY)
     velocities, _ = past_velocities(past, DT, 2)
-    fitted = fit_velocities(velocities, past.began, 2, "n", CONDITION).process
+    fitted = fit_velocities(velocities, past.began, 2, CONDITION).process
     error = rng.standard_normal((DRAWS, 3, 2)) @ np.linalg.cholesky(NOISE).T
     places = seen[:, -3:] - error
     root = np.linalg.cholesky(fitted.innovation[0])

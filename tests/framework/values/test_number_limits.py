@@ -210,7 +210,7 @@ def test_steps_of_a_thousand_seconds_leave_every_model_possible() -> None:
     path = walk(3, 40)
     path[1] *= 3e4
     for dt in (1e3, 1e4):
-        forecast = InteractingModels(history=40).predict(around(path, dt), 5)
+        forecast = InteractingModels().predict(around(path, dt), 5)
         assert forecast.fallback == (None, None, None)
 
 
