@@ -53,7 +53,7 @@ class BilevelOrca(Reactive, Preparing):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget : as in `Reactive`; the speed is a limit,
+    robot, period, reference_speed, look_ahead : as in `Reactive`; the speed is a limit,
         and c is so far ahead.
     horizon, dt : K steps of dt s.
     people_speed : highest speed of people, m/s.

@@ -20,8 +20,7 @@ class ConstantVelocityController(Reactive):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
-    turn_gain : k of `steer`, 1/s.
+    robot, period, reference_speed, look_ahead : as in `Reactive`.
 
     Raises
     ------
@@ -29,11 +28,10 @@ class ConstantVelocityController(Reactive):
     """
 
     look_ahead: float = float("inf")
-    turn_gain: float = 2.0
 
     reference: ClassVar[str] = ""
 
     def decide(self, observation: Observation, place: Array) -> Command:
         """Steer along the velocity towards the goal."""
         wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)
-        return steer(self.robot, observation.state, wanted, self.turn_gain)
+        return steer(self.robot, observation.state, wanted)

@@ -63,7 +63,7 @@ class DynamicWindow(Reactive):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
+    robot, period, reference_speed, look_ahead : as in `Reactive`.
     samples : velocities per axis of the window.
     heading, clearance, velocity : w_h, w_c, w_v.
     view : m, beyond which clearance is worth no more.

@@ -43,8 +43,7 @@ class MoussaidForce(Reactive):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
-    turn_gain : k of `steer`, 1/s.
+    robot, period, reference_speed, look_ahead : as in `Reactive`.
     haste : highest speed over ``reference_speed``.
     relaxation : tau, s.
     strength : A, m/s^2.
@@ -73,7 +72,6 @@ class MoussaidForce(Reactive):
     WALL_RANGE: ClassVar[float] = 0.2
     """m, beside the radius: the reach of a wall, from the robot's surface."""
 
-    turn_gain: float = 2.0
     haste: float = 1.3
     relaxation: float = 0.5
     strength: float = 5.1
@@ -94,7 +92,7 @@ class MoussaidForce(Reactive):
             self.period,
             self.haste * self.reference_speed,
         )
-        return steer(self.robot, observation.state, self._velocity, self.turn_gain)
+        return steer(self.robot, observation.state, self._velocity)
 
     def acceleration(
         self, observation: Observation, place: Array, velocity: Array, wanted: Array

@@ -42,7 +42,7 @@ class Orca(Reactive):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget : see `Reactive`; the goal itself is headed
+    robot, period, reference_speed, look_ahead : see `Reactive`; the goal itself is headed
         for by default.
     neighbour_distance : m within which others count.
     most_neighbours : how many of them, nearest first.
@@ -50,7 +50,6 @@ class Orca(Reactive):
     obstacle_horizon : s, of walls.
     safety_space : m, added to every radius, own and others'. CrowdNav has 0.01, and more as it
         is set.
-    turn_gain : k of `steering.steer`, 1/s, for robots with heading.
 
     Raises
     ------
@@ -68,7 +67,6 @@ class Orca(Reactive):
     time_horizon: float = Reciprocal.time_horizon
     obstacle_horizon: float = Reciprocal.obstacle_horizon
     safety_space: float = Reciprocal.safety_space
-    turn_gain: float = 2.0
 
     def __post_init__(self) -> None:
         whole("orca.most_neighbours", self.most_neighbours)
@@ -84,7 +82,7 @@ class Orca(Reactive):
         own = self._velocity if now is None else now
         wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)
         best = self._solve(observation, place, own, wanted)
-        command = steer(self.robot, observation.state, best, self.turn_gain)
+        command = steer(self.robot, observation.state, best)
         if now is None:  # a robot without inertia moves as commanded
             self._velocity = np.array(command.linear)
         return command

@@ -27,6 +27,8 @@ WIDEST = 100.0
 
 Shown: TypeAlias = dict[str, Array]
 """Name -> array, as `ObservationSpec` describes them."""
+HISTORY = 40
+"""Samples, one control period apart, that the predictor is given."""
 
 
 @final
@@ -62,7 +64,6 @@ class ObservationSpec:
     reach : m.
     predictor : whose forecasts are shown; None leaves both arrays out.
     steps : N, steps ahead of one control period each.
-    history : samples, one control period apart, that the predictor is given.
 
     Raises
     ------
@@ -74,14 +75,12 @@ class ObservationSpec:
     reach: float = 20.0
     predictor: Predictor | None = None
     steps: int = 8
-    history: int = 40
 
     def __post_init__(self) -> None:
         whole("sight.obstacles", self.obstacles)
         whole("sight.walls", self.walls, least=0)
         positive("sight.reach", self.reach)
         whole("sight.steps", self.steps)
-        whole("sight.history", self.history)
 
 
 class PolicyObserver:
@@ -108,7 +107,7 @@ class PolicyObserver:
         if sight.predictor is not None:
             size, forget = self._robot.dimension, SEEN * period
             self._perception = Perception.initial(
-                sight.predictor, size, period, sight.history, period, forget
+                sight.predictor, size, period, HISTORY, period, forget
             )
         self._stamp = -np.inf
         self.placeless: tuple[str, ...] = ()

@@ -12,6 +12,15 @@ from .arcs import free_way
 from .reactive import Reactive
 from .steering import SLOWING, limited, steer, wrapped, yaw_rate
 
+STOP_HORIZON = 1.0
+"""s of driving for which the arc must be free."""
+TIGHT = 0.9
+"""m, radius of a curve from which on the speed falls."""
+LEAST_SHARE = 0.25
+"""Share of the speed that tight curves leave."""
+TURN_FROM = 0.785
+"""rad between heading and the point ahead from which a robot turns on the spot."""
+
 
 @final
 @dataclass(eq=False)
@@ -22,14 +31,14 @@ class PurePursuit(Reactive):
 
         kappa = 2 y / (x^2 + y^2),    omega = v kappa.
 
-    v is min(v_ref, way to the goal / 1 s), times 1 / (``tight`` |kappa|) in tighter curves (but
-    ``least_share`` at least), and what the robot's yaw rate allows. Where the point ahead is more
-    than ``turn_from`` off its heading, a robot that can turns on the spot. Where the arc of the
-    next ``stop_horizon`` seconds at that speed touches an obstacle or a polygon, the command is
+    v is min(v_ref, way to the goal / 1 s), times 1 / (`TIGHT` |kappa|) in tighter curves (but
+    `LEAST_SHARE` at least), and what the robot's yaw rate allows. Where the point ahead is more
+    than `TURN_FROM` off its heading, a robot that can turns on the spot. Where the arc of the
+    next `STOP_HORIZON` seconds at that speed touches an obstacle or a polygon, the command is
     to stand; the robot goes on once the arc is free. Nothing is driven round.
 
     Obstacles are taken as standing where they are seen. No standing obstacle is touched, provided
-    that ``stop_horizon`` is longer than v / (2 a) and a period and that the robot stays on its
+    that `STOP_HORIZON` is longer than v / (2 a) and a period and that the robot stays on its
     arc as it brakes; who moves can run into the robot.
 
     Of regulated pure pursuit the slowing near obstacles (by the cost of a costmap) is left out.
@@ -37,12 +46,7 @@ class PurePursuit(Reactive):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
-    stop_horizon : s.
-    tight : m, radius of a curve from which on the speed falls.
-    least_share : share of the speed that tight curves leave.
-    turn_from : rad.
-    turn_gain : 1/s, yaw rate per angle when it turns on the spot.
+    robot, period, reference_speed, look_ahead : as in `Reactive`.
     margin : m, added to the radius of the robot.
 
     Raises
@@ -59,11 +63,6 @@ class PurePursuit(Reactive):
     zero_allowed: ClassVar[frozenset[str]] = frozenset({"margin"})
     reference: ClassVar[str] = "coulter1992implementation,macenski2023regulated"
 
-    stop_horizon: float = 1.0
-    tight: float = 0.9
-    least_share: float = 0.25
-    turn_from: float = 0.785
-    turn_gain: float = 2.0
     margin: float = 0.1
 
     def decide(self, observation: Observation, place: Array) -> Command:
@@ -81,10 +80,10 @@ class PurePursuit(Reactive):
             straight = fastest / distance * apart
             if self._blocked(observation, place, apart / distance, 0.0, fastest):
                 return Command((0.0, 0.0))
-            return steer(self.robot, state, straight, self.turn_gain)
+            return steer(self.robot, state, straight)
         error = wrapped(float(np.arctan2(apart[1], apart[0])) - float(heading))
-        if abs(error) > self.turn_from and turns_on_the_spot(self.robot, state):
-            turning = yaw_rate(self.robot, state, error, self.turn_gain)
+        if abs(error) > TURN_FROM and turns_on_the_spot(self.robot, state):
+            turning = yaw_rate(self.robot, state, error)
             return limited(self.robot, state, Twist((0.0, 0.0), turning))
         # 2 y / (x^2 + y^2); a car turns towards what is behind it as towards what is beside it.
         curvature = 2.0 * float(np.sin(np.clip(error, -np.pi / 2, np.pi / 2))) / distance
@@ -97,8 +96,8 @@ class PurePursuit(Reactive):
 
     def regulated(self, state: Array, fastest: float, curvature: float) -> Twist:
         """Twist on an arc, as fast as the curve and the robot's yaw rate allow."""
-        share = min(1.0, 1.0 / (self.tight * abs(curvature))) if curvature else 1.0
-        speed = fastest * max(share, self.least_share)
+        share = min(1.0, 1.0 / (TIGHT * abs(curvature))) if curvature else 1.0
+        speed = fastest * max(share, LEAST_SHARE)
         wanted = Twist((speed, 0.0), speed * curvature)
         reached = attained(self.robot, state, [wanted])[0]
         if abs(reached[2]) < abs(wanted.angular):
@@ -118,4 +117,4 @@ class PurePursuit(Reactive):
             (others, radii),
             observation.polygons,
         )
-        return bool(free[0] < speed * self.stop_horizon)
+        return bool(free[0] < speed * STOP_HORIZON)

@@ -21,6 +21,9 @@ from ..framework.values.path import Path
 from ..framework.values.plan import Plan
 from .steering import PathGuide
 
+FORGET = 3.0
+"""s after which an obstacle that is no longer reported is dropped."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
@@ -38,14 +41,9 @@ class Neighbours:
 
     The velocity is the difference of the last two measurements over the time between them,
     zero at first sight. It is as noisy as that says: sqrt(2) sigma / dt.
-
-    Parameters
-    ----------
-    forget : s after which an obstacle that is no longer reported is dropped.
     """
 
-    def __init__(self, forget: float) -> None:
-        self._forget = forget
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -65,14 +63,14 @@ class Neighbours:
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        sighting = admitted(observation, 2, self._forget, here, self._remembered)
+        sighting = admitted(observation, 2, FORGET, here, self._remembered)
         self.placeless = sighting.placeless
         for name, detection in named_apart(sighting.detections):
             self._sights[name] = self._updated(self._sights.get(name), detection)
         self._sights = {
             name: sight
             for name, sight in self._sights.items()
-            if self._stamp - sight.reported <= self._forget
+            if self._stamp - sight.reported <= FORGET
         }
         if len(self._sights) > MOST:
             newest = sorted(self._sights, key=lambda name: self._sights[name].reported)[-MOST:]
@@ -101,7 +99,7 @@ class Neighbours:
         return {
             name: LastGood(sight.radius)
             for name, sight in self._sights.items()
-            if self._stamp - sight.reported <= self._forget
+            if self._stamp - sight.reported <= FORGET
         }
 
     def _updated(self, before: _Sight | None, detection: Detection) -> _Sight:
@@ -139,7 +137,6 @@ class Reactive(Controller):
     reference_speed : m/s along the path.
     look_ahead : m along the path to the point that is headed for; infinite (``.inf``) for the
         goal itself, straight there.
-    forget : s after which an obstacle that is no longer reported is dropped.
 
     Raises
     ------
@@ -153,7 +150,6 @@ class Reactive(Controller):
     period: float = 0.1
     reference_speed: float = 0.5
     look_ahead: float = 2.0
-    forget: float = 3.0
 
     def __post_init__(self) -> None:
         name = type(self).__name__
@@ -168,7 +164,7 @@ class Reactive(Controller):
             if isinstance(value, int | float) and not endless:
                 positive(f"{name}.{field.name}", value, zero=field.name in self.zero_allowed)
         self._guide = PathGuide()
-        self._neighbours = Neighbours(self.forget)
+        self._neighbours = Neighbours()
         self.reset()
 
     def reset(self) -> None:

@@ -34,9 +34,7 @@ class SocialForceController(Reactive):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
-    turn_gain : k of `steer`, 1/s.
-    haste : highest speed over ``reference_speed``.
+    robot, period, reference_speed, look_ahead : as in `Reactive`.
     stiffness : K, 1/s.
     strength, reach : A, m/s^2, and B, m, of neighbours.
     wall_strength, wall_reach : A_w and B_w, of polygons.
@@ -56,8 +54,6 @@ class SocialForceController(Reactive):
     GAP: ClassVar[float] = CircularForce.GAP
     """m, added to the radii, as there."""
 
-    turn_gain: float = 2.0
-    haste: float = 1.0
     stiffness: float = CircularForce.stiffness
     strength: float = CircularForce.strength
     reach: float = CircularForce.reach
@@ -73,9 +69,9 @@ class SocialForceController(Reactive):
             self._velocity,
             lambda velocity: self.acceleration(observation, place, velocity, wanted),
             self.period,
-            self.haste * self.reference_speed,
+            self.reference_speed,
         )
-        return steer(self.robot, observation.state, self._velocity, self.turn_gain)
+        return steer(self.robot, observation.state, self._velocity)
 
     def acceleration(
         self, observation: Observation, place: Array, velocity: Array, wanted: Array

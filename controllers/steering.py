@@ -13,6 +13,8 @@ from ..framework.values.path import Path
 SLOWING = 1.0
 """s; nearer to the goal than this at the present speed, a controller slows down in proportion to
 the distance. CrowdNav does the same: its wanted velocity is the way to the goal, at most 1 m/s."""
+TURN_GAIN = 2.0
+"""1/s, yaw rate per angle between heading and wanted velocity."""
 CRAWL = 0.3
 """Share of the wanted speed that a robot keeps which cannot turn on the spot."""
 
@@ -37,7 +39,7 @@ def velocity_of(robot: Robot, state: Array) -> Array | None:
     return np.array([cosine * linear[0] - sine * linear[1], sine * linear[0] + cosine * linear[1]])
 
 
-def steer(robot: Robot, state: Array, velocity: Array, turn_gain: float) -> Command:
+def steer(robot: Robot, state: Array, velocity: Array, turn_gain: float = TURN_GAIN) -> Command:
     """Command that follows a wanted velocity of a point, in the plane, as well as the robot can.
 
     A robot without heading takes the velocity as it is. One with heading gets
@@ -77,7 +79,7 @@ def _turned(robot: Robot, state: Array, speed: float, error: float, gain: float)
     return Twist((speed * ahead, 0.0), yaw_rate(robot, state, error, gain))
 
 
-def yaw_rate(robot: Robot, state: Array, error: float, gain: float) -> float:
+def yaw_rate(robot: Robot, state: Array, error: float, gain: float = TURN_GAIN) -> float:
     """Yaw rate that turns a robot by ``error`` rad, see `steer`, rad/s."""
     if not error:
         return 0.0

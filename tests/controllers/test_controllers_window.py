@@ -5,6 +5,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
+from wideberth.controllers import pure_pursuit
 from wideberth.controllers.arcs import free_way
 from wideberth.controllers.dynamic_window import DynamicWindow
 from wideberth.controllers.pure_pursuit import PurePursuit
@@ -218,18 +219,21 @@ def test_pure_pursuit_stops_and_goes_on(robot):
     assert log.speeds.min() < 0.05 and log.reached > 16.0
 
 
-def test_pure_pursuit_arc_and_speed():
+def test_pure_pursuit_arc_and_speed(monkeypatch):
     """Carrot at (1, 1): kappa = 1 / m, tighter than 0.9 m is not: v = 0.3 / 1 by the yaw rate."""
+    monkeypatch.setattr(pure_pursuit, "TURN_FROM", 1.0)
     robot = Unicycle(radius=0.3)
-    controller = PurePursuit(robot, look_ahead=np.inf, turn_from=1.0, reference_speed=0.5)
+    controller = PurePursuit(robot, look_ahead=np.inf, reference_speed=0.5)
     controller.set_path(Path(np.array([[-9.0, 1.0], [1.0, 1.0]])))
     command = controller.command(seen(robot))
     np.testing.assert_allclose((command.linear[0], command.omega), (0.3, 0.3))
     quick = Unicycle(radius=0.3, max_yaw_rate=3.0)
-    controller = PurePursuit(quick, look_ahead=np.inf, turn_from=1.0, tight=2.0)
+    monkeypatch.setattr(pure_pursuit, "TIGHT", 2.0)
+    controller = PurePursuit(quick, look_ahead=np.inf)
     controller.set_path(Path(np.array([[-9.0, 1.0], [1.0, 1.0]])))
     command = controller.command(seen(quick))
     np.testing.assert_allclose((command.linear[0], command.omega), (0.25, 0.25))
+    monkeypatch.undo()
     turning = PurePursuit(quick, look_ahead=np.inf)
     turning.set_path(Path(np.array([[-9.0, 1.0], [1.0, 1.0]])))
     command = turning.command(seen(quick))  # 45 degrees are a little more than 0.785

@@ -20,6 +20,7 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
 from wideberth.simulation.measures.episode_measures import verdict
+from wideberth.simulation.scenarios import doorway
 from wideberth.simulation.scenarios.doorway import Doorway
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.planning import planner
@@ -224,8 +225,11 @@ def test_a_path_that_is_planned_anew_keeps_what_is_known(drift: float, withdraws
 
 
 @pytest.mark.parametrize("withdraw", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_two_robots_in_a_door_do_not_stand_for_ever(withdraw: bool) -> None:
+def test_two_robots_in_a_door_do_not_stand_for_ever(
+    withdraw: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """At this seed both stand in the door, unless one of them makes room."""
+    monkeypatch.setattr(doorway, "LAG", (-0.2, 0.2))
     experiment, _ = read_experiment("doorway", [])
     assert isinstance(experiment, Comparison)
     robot, settings = experiment.robots["unicycle"], experiment.settings["noise_1_cm"]
@@ -233,7 +237,7 @@ def test_two_robots_in_a_door_do_not_stand_for_ever(withdraw: bool) -> None:
     assert isinstance(ours, Withdrawing)
     ours = ours if withdraw else ours.controller  # type: ignore[assignment]
     short = replace(settings, time_limit=45.0)
-    episode = play(Doorway(oncoming="robot", lag=(-0.2, 0.2)), robot, ours, short, 100)
+    episode = play(Doorway(oncoming="robot"), robot, ours, short, 100)
     notes = [plan.reason for log in episode.robots for plan in log.plans]
     assert any("withdraws from" in words for words in notes) == withdraw
     assert verdict(episode, 45.0)["outcome"] == ("success" if withdraw else "timeout")
