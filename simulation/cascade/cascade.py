@@ -1,20 +1,20 @@
 """The cascade between the world and a controller: sensors, state, detections, tracks, wheels."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, final
+from typing import Literal, TypeAlias, final
 
 from ...framework.detector import Detector
 from ...framework.plugins.registry import unknown
 from ...framework.state_estimator import StateEstimator
 from ...framework.tracker import Tracker
-from ...framework.values.arrays import positive
+from ...framework.values.arrays import checked_choice, positive
 from ...framework.values.errors import WideberthError
 from ..physics.body import LARGE, SkidSteerBody
 from ..physics.sensors import InertialUnit, Lidar, WheelEncoders
 from ..physics.slip import slip_of
 from .faults import Faults
 
-MECHANICS = ("physics", "slip", "kinematic")
+Mechanics: TypeAlias = Literal["physics", "slip", "kinematic"]
 BODIES = {
     "small": SkidSteerBody(),
     "large": LARGE,
@@ -23,6 +23,8 @@ BODIES = {
 }
 """Bodies by name. The large ones have the radius of the paper's robots, 0.75 m. A LiDAR sees
 an upright cylinder around the body, or the body as the box that it is."""
+PATIENCE = 0.5
+"""s, for which a sensor may give nothing of use; then the robot stops."""
 
 
 @final
@@ -53,7 +55,6 @@ class SensingPipeline:
     latency : s, from the end of a scan until what it shows has been found. The instants of what is
         found are those of its beams, so that a controller knows how old it is.
     rest : s, for which all stand before time 0, so that gyroscopes are calibrated.
-    patience : s, for which a sensor may give nothing of use; then the robot stops.
     faults : what goes wrong.
 
     Raises
@@ -63,7 +64,7 @@ class SensingPipeline:
     """
 
     body: str | SkidSteerBody = "large"
-    mechanics: Literal["physics", "slip", "kinematic"] = "physics"
+    mechanics: Mechanics = "physics"
     lidar: Lidar = field(default_factory=Lidar)
     encoders: WheelEncoders = field(default_factory=WheelEncoders)
     imu: InertialUnit = field(default_factory=InertialUnit)
@@ -75,22 +76,14 @@ class SensingPipeline:
     noise: float = 0.01
     latency: float = 0.0
     rest: float = 2.0
-    patience: float = 0.5
     faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
         if isinstance(self.body, str) and self.body not in BODIES:
             raise WideberthError(f"cascade.body: {unknown('body', self.body, BODIES)}")
-        if self.mechanics not in MECHANICS:
-            raise WideberthError(
-                f"cascade.mechanics is {self.mechanics!r}; wanted one of {', '.join(MECHANICS)}"
-            )
-        if self.handover not in ("measured", "filtered"):
-            raise WideberthError(
-                f"cascade.handover is {self.handover!r}; wanted measured or filtered"
-            )
-        if self.walls not in ("known", "seen"):
-            raise WideberthError(f"cascade.walls is {self.walls!r}; wanted known or seen")
+        checked_choice("cascade.mechanics", self.mechanics, Mechanics)
+        checked_choice("cascade.handover", self.handover, Literal["measured", "filtered"])
+        checked_choice("cascade.walls", self.walls, Literal["known", "seen"])
         if self.walls == "seen" and self.detector is None:
             raise WideberthError("cascade.walls are seen in scans; give the cascade a detector")
         if self.mechanics == "slip":
@@ -98,12 +91,11 @@ class SensingPipeline:
         positive("cascade.noise", self.noise, zero=True)
         positive("cascade.latency", self.latency, zero=True)
         positive("cascade.rest", self.rest)
-        positive("cascade.patience", self.patience)
         for sensor in (self.lidar, self.encoders, self.imu):
-            if self.patience * sensor.rate <= 2.0:
+            if PATIENCE * sensor.rate <= 2.0:
                 raise WideberthError(
-                    f"cascade.patience is {self.patience:g} s; wanted more than two periods of "
-                    f"{sensor.name}, {2.0 / sensor.rate:g} s"
+                    f"cascade.{sensor.name}.rate is {sensor.rate:g} Hz; wanted more than two "
+                    f"samples in the {PATIENCE:g} s after which a silent sensor stops the robot"
                 )
         names = [sensor.name for sensor in (self.lidar, self.encoders, self.imu)]
         if self.faults.silent and self.faults.silent[0] not in names:

@@ -1,7 +1,8 @@
 """What one robot perceives and believes, from its samples to its observation."""
 
 import re
-from collections.abc import Sequence
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from typing import final
 
@@ -14,6 +15,7 @@ from ...framework.values.motion import Observation
 from ...framework.values.polygon import Polygon
 from ...framework.values.sensing import (
     InertialSample,
+    MotionEstimate,
     PlacedScan,
     Sample,
     Scan,
@@ -27,9 +29,7 @@ from ...perception.own_state import own_state
 from ...perception.walls import walls_behind
 from ..log.frames import RigidMotion
 from ..log.perception_log import Glance, PerceptionLog, TrueBody, TrueStage, named
-from .cascade import SensingPipeline
-from .oracles import TrueState
-from .watchdog import Watchdog
+from .cascade import PATIENCE, SensingPipeline
 
 STILL = 2e-3
 """rad between two samples of a wheel that stands: a tick of its encoder."""
@@ -38,6 +38,93 @@ SAME = 1e-3
 NUMBERS = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 """In a note; notes that differ by them alone are of one kind."""
 AGAIN = "the gyroscope is calibrated anew"
+REMEMBERED = 2.0
+"""s for which true poses are remembered."""
+
+
+@final
+class TrueState(StateEstimator):
+    """A robot that knows its own pose and velocity exactly, so that a study removes one error."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._means: list[Array] = []
+
+    def reset(self, pose: Array, time: float) -> None:
+        """Begin at a known pose, at rest."""
+        self._times, self._means = [time], [np.concatenate([pose, np.zeros(3)])]
+
+    def note(self, time: float, pose: Array, twist: Array) -> None:
+        """Take the robot's true pose and twist at a time, s, later than the last one."""
+        self._times.append(time)
+        self._means.append(np.concatenate([pose, twist]))
+        if self._times[0] < time - 2.0 * REMEMBERED:
+            first = bisect_right(self._times, time - REMEMBERED)
+            del self._times[:first], self._means[:first]
+
+    def take(self, sample: Sample) -> str:
+        """Need no sensor."""
+        return ""
+
+    def at(self, time: float) -> MotionEstimate:
+        """Return the truth, in a straight line between two instants."""
+        index = min(max(bisect_right(self._times, time), 1), len(self._times) - 1)
+        if len(self._times) == 1:
+            return MotionEstimate(self._times[0], self._means[0], np.zeros((6, 6)))
+        first, last = self._times[index - 1], self._times[index]
+        share = min(max((time - first) / (last - first), 0.0), 1.0) if last > first else 1.0
+        change = self._means[index] - self._means[index - 1]
+        change[2] = (change[2] + np.pi) % (2.0 * np.pi) - np.pi
+        mean = self._means[index - 1] + share * change
+        return MotionEstimate(first + share * (last - first), mean, np.zeros((6, 6)))
+
+
+@final
+class Watchdog:
+    """Says why a robot must stand still; changes with each sample. Times are those of its clock.
+
+    Parameters
+    ----------
+    sensors : names of those that it needs.
+    now : s, when all is well.
+    """
+
+    def __init__(self, sensors: Iterable[str], now: float) -> None:
+        self._useful_at = dict.fromkeys(sensors, now)
+        self._now = now
+
+    def jumped(self, now: float, passed: float) -> float:
+        """Take the clock's time; return by how much it was set, s, 0 where it was not.
+
+        Parameters
+        ----------
+        now : s.
+        passed : s since the last call, by another clock.
+        """
+        jump = now - self._now - passed
+        self._now = now
+        if abs(jump) <= PATIENCE:
+            return 0.0
+        self._useful_at = {name: time + jump for name, time in self._useful_at.items()}
+        return jump
+
+    def note(self, sample: Sample) -> None:
+        """Note when a sample came, if it is of use."""
+        if sample.sensor in self._useful_at and _useful(sample):
+            self._useful_at[sample.sensor] = self._now
+
+    def reason(self) -> str:
+        """Return why the robot must stand still; "" if it need not."""
+        for name, time in self._useful_at.items():
+            if self._now - time > PATIENCE:
+                return f"{name}: nothing of use for more than {PATIENCE:g} s"
+        return ""
+
+
+def _useful(sample: Sample) -> bool:
+    if isinstance(sample, Scan):
+        return bool(len(sample.ranges)) and not bool(np.isnan(sample.ranges).all())
+    return not sample.flaw
 
 
 @final
@@ -91,7 +178,7 @@ class Senses:
                 stage.reset()
         needed = [cascade.encoders.name, cascade.imu.name] if known else []
         needed += [cascade.lidar.name] if self.needs_scans else []
-        self._watchdog = Watchdog(needed, cascade.patience, now)
+        self._watchdog = Watchdog(needed, now)
         self._handover = Handover("measured" if self._tracker is None else cascade.handover)
         self._coming: list[tuple[float, Sightings, Array]] = []
         self._seen: tuple[TrackedObstacle, ...] = ()
@@ -190,12 +277,11 @@ class Senses:
 
     def _regain(self, now: float) -> None:
         """Begin anew once the wheels have stood, where it is not known how the robot moves."""
-        patience = self._cascade.patience
         if self._lost and self._lost == AGAIN and now >= self._rest_ends:
             self._lost = ""
-        if not self._lost and abs(self.estimator.at(now).time - now) > patience:
+        if not self._lost and abs(self.estimator.at(now).time - now) > PATIENCE:
             self._lost = "its own motion is not known"
-        stood = now - self._wheels[0] > patience
+        stood = now - self._wheels[0] > PATIENCE
         if self._lost not in ("", AGAIN) and stood and not self._watchdog.reason():
             self.estimator.reset(self.estimator.at(now).pose, now)
             self._scan = None

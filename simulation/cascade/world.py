@@ -23,11 +23,10 @@ from ..engine.settings import Settings
 from ..engine.world import Around, World
 from ..log.frames import RigidMotion
 from ..log.perception_log import PerceptionLog, PipelineStop, TrueBody, TrueStage
-from ..physics.kinematic import KinematicWorld, SlippingWorld
 from ..physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from ..physics.sensors import Sensor
+from ..physics.world import KinematicWorld, SlippingWorld, TrueMotion
 from ..physics.world import PhysicsWorld as PhysicalWorld
-from ..physics.world import TrueMotion
 from .cascade import SensingPipeline
 from .senses import Senses
 

@@ -1,7 +1,6 @@
 """The crowd of CrowdNav++: twenty people who are replaced when they arrive, and see no robot."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from math import cos, hypot, pi, sin
 from typing import Any, Literal, TypeAlias, final
 
@@ -332,7 +331,7 @@ class _Minds:
 
     def decide(self, places: Array, velocities: Array, goals: Array, speeds: Array) -> Array:
         """Return everybody's next velocity, (20, 2), m/s."""
-        wanted = _towards(goals - places)
+        wanted = towards(goals - places)
         found = np.empty((PEOPLE, 2))
         for world, members in self._shared:
             for i, (place, velocity) in enumerate(zip(places, velocities, strict=True)):
@@ -349,7 +348,7 @@ class _Minds:
         return found
 
 
-def _towards(ways: Array) -> Array:
+def towards(ways: Array) -> Array:
     """Return ways (..., 2), m, as velocities of at most 1 m/s: whatever the preferred speed."""
     length = np.hypot(ways[..., 0], ways[..., 1])[..., None]
     return np.asarray(np.where(length > 1.0, ways / np.maximum(length, 1.0), ways))
@@ -364,78 +363,3 @@ def simulator(radii: Array, nearest: float) -> Any:
             (0.0, 0.0), nearest, len(radii) - 1, *horizons, radius + PADDING, 1.0, (0.0, 0.0)
         )
     return world
-
-
-@final
-class CrowdNavPlusOrca:
-    """The original's ORCA robot.
-
-    Its simulator is made in the first step of the process, that of case 0, and never again: in
-    the variant "random" its neighbour distance is that of the last person of case 0, and
-    the radii are those believed at time 0 of case 0, of most people too small.
-
-    Parameters
-    ----------
-    variant, seed, phase : of the crowd.
-    informed : make the simulator anew at each step, with the radii that are believed now and
-        the neighbour distance 10 m. No robot of the original.
-    """
-
-    def __init__(
-        self, variant: Variant, seed: int, phase: Phase = "test", *, informed: bool = False
-    ) -> None:
-        self._informed = informed
-        radii, nearest = _first_beliefs(variant, seed, phase)
-        self._world = simulator(np.append(RADIUS, radii), nearest)
-
-    def act(self, crowd: CrowdNavPlusCrowd, velocity: Array) -> Array:
-        """Return the next velocity, (2,), m/s, of a robot with this one now."""
-        if self._informed:
-            radii = np.append(RADIUS, crowd.believed[:, 4])
-            self._world = simulator(radii, NEIGHBOUR_DISTANCE)
-        world = self._world
-        world.set_agent_position(0, tuple(crowd.robot.tolist()))
-        world.set_agent_velocity(0, tuple(velocity.tolist()))
-        wanted = _towards(crowd.robot_goal - crowd.robot)
-        world.set_agent_pref_velocity(0, tuple(wanted.tolist()))
-        for i, (x, y, vx, vy, _) in enumerate(crowd.believed.tolist(), start=1):
-            world.set_agent_position(i, (x, y))
-            world.set_agent_velocity(i, (vx, vy))
-            world.set_agent_max_neighbors(i, 0)
-        world.do_step()
-        best = world.get_agent_velocity(0)
-        return np.array([best.x, best.y])
-
-
-@lru_cache(maxsize=8)
-def _first_beliefs(variant: Variant, seed: int, phase: Phase) -> tuple[Array, float]:
-    """Radii believed at time 0 of case 0, (20,), m, and the last neighbour distance drawn, m."""
-    first = CrowdNavPlusCrowd(0, variant, seed, phase)
-    return first.believed[:, 4].copy(), float(first.neighbour_distances[-1])
-
-
-@final
-class SocialForceRobot:
-    """The original's social force robot: A = 2, B = 1, K = 1."""
-
-    def act(self, crowd: CrowdNavPlusCrowd, velocity: Array) -> Array:
-        """Return the next velocity, (2,), m/s, of a robot with this one now."""
-        way = crowd.robot_goal - crowd.robot
-        apart = crowd.robot - crowd.believed[:, :2]
-        distance = np.hypot(*apart.T)
-        push = 2.0 * np.exp(RADIUS + crowd.believed[:, 4] - distance) / distance
-        force = way / hypot(*way) - velocity + push @ apart
-        found = velocity + STEP * force
-        speed = hypot(*found)
-        return np.asarray(found / speed if speed > 1.0 else found)
-
-
-def played(
-    crowd: CrowdNavPlusCrowd, robot: CrowdNavPlusOrca | SocialForceRobot
-) -> CrowdNavPlusVerdict:
-    """Play a case to its end with one of the original's robots, and return its verdict."""
-    velocity = np.zeros(2)
-    while not crowd.verdict.outcome:
-        velocity = robot.act(crowd, velocity)
-        crowd.step(crowd.robot + STEP * velocity)
-    return crowd.verdict

@@ -218,7 +218,7 @@ class CrowdSimPlusCrowd(Crowd):
     def _orca(self, i: int) -> Array:
         way = self.heads[i] - self.positions[i]
         own = self.positions[i], self.velocities[i], RADIUS, float(self.speeds[i])
-        return _orca(*own, way, self._others(i), self.lines)
+        return orca_velocity(*own, way, self._others(i), self.lines)
 
     def _social_force(self, i: int) -> Array:
         """Return a person's next velocity by the circular social force, (2,), m/s."""
@@ -243,7 +243,7 @@ class CrowdSimPlusCrowd(Crowd):
         return np.asarray(found * (speed / length) if length > speed else found)
 
 
-def _orca(
+def orca_velocity(
     place: Array,
     velocity: Array,
     radius: float,
@@ -324,26 +324,3 @@ def _nearest_pair(a: Array, b: Array, p: Array, q: Array) -> tuple[Array, Array]
         t = min(max(t, 0.0), 1.0)
         s = min(max((ab * t - ac) / aa, 0.0), 1.0)
     return a + s * first, p + t * second
-
-
-@final
-class CrowdSimPlusOrca:
-    """The original's ORCA robot: 1 m/s, sees everybody and the walls, heads for its goal."""
-
-    def act(self, crowd: CrowdSimPlusCrowd) -> Array:
-        """Return the next velocity, (2,), m/s, before walls shorten it."""
-        others = crowd.positions, crowd.velocities, crowd.radii
-        own = crowd.robot, crowd.robot_velocity, ROBOT_RADIUS, 1.0
-        return _orca(*own, crowd.robot_goal - crowd.robot, others, crowd.lines)
-
-
-def played(crowd: CrowdSimPlusCrowd, robot: CrowdSimPlusOrca) -> CrowdSimPlusVerdict:
-    """Play a case to its end with the original's robot, and return its verdict.
-
-    A step counts as a wall collision where the x component of its velocity was changed.
-    """
-    while not crowd.verdict.outcome:
-        wanted = crowd.robot + STEP * robot.act(crowd)
-        reached = crowd.stop(crowd.robot, wanted, ROBOT_RADIUS)
-        crowd.step(reached, stopped=bool(reached[0] != wanted[0]))
-    return crowd.verdict

@@ -25,7 +25,7 @@ from .agents import Bystander, CrowdMember, PathChange, ReplayAgent, RobotAgent,
 from .driver import Driver
 from .exchange import ExchangedPositions
 from .foresight import Foresight, Planned
-from .settings import Settings
+from .settings import STILL, Settings
 from .world import Around, World
 
 ROBOT_ROOM = 5.0
@@ -499,7 +499,7 @@ class Run:
         pending = any(kind == _CHANGE for _, kind, _, _ in self.queue)
         if not going and not pending:
             return "goals"
-        if pending or any(d.plant.speed >= self.settings.still for d in going):
+        if pending or any(d.plant.speed >= STILL for d in going):
             self.stood = now
         return "deadlock" if now - self.stood > self.settings.deadlock_after else ""
 

@@ -8,6 +8,9 @@ from ...framework.values.errors import WideberthError
 from ..sensing.channel import Channel
 from ..sensing.localisation import Localisation
 
+STILL = 0.02
+"""m/s; a robot below it stands."""
+
 
 @final
 @dataclass(frozen=True)
@@ -27,7 +30,6 @@ class Settings:
         The paper's robots drive on while they compute, as with "measured".
     channel : what the robots learn of each other.
     localisation : how well they know where they are themselves.
-    still : m/s; a robot below it stands.
     deadlock_after : s; when all robots that are not at their goals have stood this long,
         the episode ends as a deadlock.
     stop_on_collision : end at the first collision of a robot (by default it goes on).
@@ -48,7 +50,6 @@ class Settings:
     solve_time: float | Literal["zero", "measured"] = "zero"
     channel: Channel = field(default_factory=Channel)
     localisation: Localisation = field(default_factory=Localisation)
-    still: float = 0.02
     deadlock_after: float = 10.0
     stop_on_collision: bool = False
     truth_span: float = 12.0
@@ -57,8 +58,7 @@ class Settings:
     def __post_init__(self) -> None:
         for name in ("time_limit", "plant_step", "goal_tolerance", "deadlock_after", "truth_span"):
             positive(f"settings.{name}", getattr(self, name))
-        for name in ("history", "still"):
-            positive(f"settings.{name}", getattr(self, name), zero=True)
+        positive("settings.history", self.history, zero=True)
         whole("settings.truth_passes", self.truth_passes)
         if isinstance(self.solve_time, str):
             if self.solve_time not in ("zero", "measured"):

@@ -224,16 +224,6 @@ class Episode:
         """
         return animation(self, live=live, tail=tail, rate=rate, speed=speed)
 
-    def times_rows(self) -> list[dict[str, float | str]]:
-        """One row per call of a controller: agent, stamp (s), measured seconds."""
-        return [
-            {"agent": agent.name, "stamp": float(stamp), "seconds": float(seconds)}
-            for agent in self.robots
-            for stamp, seconds in zip(
-                agent.commands.stamp, self.plan_seconds.get(agent.name, ()), strict=False
-            )
-        ]
-
     def to_bytes(self) -> bytes:
         """Write everything but the measured times; the same episode gives the same bytes."""
         return write_episode(self)

@@ -99,7 +99,11 @@ class Glance:
             ),
             obstacles=tuple(
                 TrackedObstacle(
-                    *(one.ident, one.time + shift, one.state, one.covariance, one.radius),
+                    one.ident,
+                    one.time + shift,
+                    one.state,
+                    one.covariance,
+                    one.radius,
                     one.seen + shift,
                 )
                 for one in self.obstacles

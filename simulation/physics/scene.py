@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias, final, get_args
+from typing import Literal, TypeAlias, final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, checked, positive
+from ...framework.values.arrays import Array, checked, checked_choice, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon
 from .body import SkidSteerBody
@@ -106,10 +106,7 @@ class PhysicalScene:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         positive("physical_scene.friction", self.friction)
         positive("physical_scene.time_step", self.time_step)
-        if self.cone not in get_args(Cone):
-            raise WideberthError(
-                f"physical_scene.cone is {self.cone!r}; wanted one of {', '.join(get_args(Cone))}"
-            )
+        checked_choice("physical_scene.cone", self.cone, Cone)
         _refuse_twins("the scene", self.names)
         for robot in self.robots:
             for sensor in robot.sensors:

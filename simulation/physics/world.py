@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, cos
+from math import atan2, cos, isfinite
 from typing import Any, final
 
 import numpy as np
@@ -13,12 +13,69 @@ from ...framework.values.errors import WideberthError, nearest
 from ...framework.values.motion import Command, Twist
 from ...framework.values.sensing import InertialSample, Sample
 from .body import SkidSteerBody
-from .drive import WheelDrive
 from .library import collected_warnings, mujoco
 from .mjcf import HULL, SEEN, mjcf
 from .scene import PhysicalRobot, PhysicalScene
 from .sensors import BodyState, Sampler
 from .slip import slip_of
+
+PROPORTIONAL, INTEGRAL, MOST = 0.5, 1.0, 0.3
+"""Gains of the yaw-rate loop, 1 and 1/s, and the largest |integral|, rad/s."""
+
+
+@final
+class WheelDrive:
+    """Turns a wanted velocity into wheel speeds, with a loop on the yaw rate.
+
+    With e = omega - (gyroscope - its bias) the wheels are driven as for the yaw rate
+
+        omega_c = omega + 0.5 e + I,   dI/dt = e,   |I| <= 0.3 rad/s.
+
+    The loop takes away what the constant ``body.yaw_gain`` leaves. It needs a gyroscope and rests
+    without one. For the velocity 0 the wheels stand and the integral starts anew.
+
+    Parameters
+    ----------
+    body : of the robot.
+    """
+
+    def __init__(self, body: SkidSteerBody) -> None:
+        self._body = body
+        self._integral = 0.0
+        self.wanted: tuple[float, float] = (0.0, 0.0)
+        """Forward speed, m/s, and yaw rate, rad/s, of the last command."""
+        self._bias = 0.0
+        self.flaw: str = ""
+        """Why the last command cannot be driven; "" for one that can."""
+
+    def command(self, twist: Twist, gyro_bias: float) -> None:
+        """Take a velocity; one that is not finite stops the robot and sets `flaw`."""
+        wanted = float(twist.linear[0]), float(twist.angular)
+        good = isfinite(wanted[0]) and isfinite(wanted[1]) and isfinite(gyro_bias)
+        self.flaw = "" if good else f"the command {wanted}, gyro bias {gyro_bias}, is not finite"
+        self.wanted = wanted if good else (0.0, 0.0)
+        self._bias = gyro_bias if good else 0.0
+
+    def wheel_speeds(self, gyro: float | None, duration: float) -> tuple[float, float]:
+        """Return the speeds of the left and right wheels, rad/s.
+
+        Parameters
+        ----------
+        gyro : newest reading, rad/s; None without a gyroscope.
+        duration : s, since the last call.
+        """
+        forward, turn = self.wanted
+        if forward == 0.0 and turn == 0.0:
+            self._integral = 0.0
+            return 0.0, 0.0
+        if gyro is not None:
+            error = turn - (gyro - self._bias)
+            self._integral += INTEGRAL * error * duration
+            self._integral = min(max(self._integral, -MOST), MOST)
+            turn += PROPORTIONAL * error + self._integral
+        left, right = self._body.rim_speeds(forward, turn)
+        return left / self._body.wheel_radius, right / self._body.wheel_radius
+
 
 TIPPED = np.radians(45.0)
 """rad from upright, beyond which a robot counts as pushed over."""
@@ -391,3 +448,30 @@ def _generator(key: int, robot: str, sensor: str) -> np.random.Generator:
     """Return the generator of one sensor: the same for the same key and names."""
     words = [key, *f"{robot}/{sensor}".encode()]
     return np.random.default_rng(np.random.SeedSequence(words))
+
+
+@final
+class KinematicWorld(PhysicsWorld):
+    """The same bodies and sensors, without wheels that slip.
+
+    Each robot moves with the forward speed and the yaw rate of its command, at once and
+    exactly; its wheels turn as if they did not slip. Nothing stops it at a wall, and contacts are
+    not noted.
+    """
+
+    def _move(self, duration: float) -> None:
+        for robot in self._robots.values():
+            robot.carry(duration)
+
+
+@final
+class SlippingWorld(PhysicsWorld):
+    """The same bodies, sensors and yaw-rate loop, on wheels that slip as `SlipModel` says.
+
+    That is the physics without the jitter of the contacts. Nothing stops a robot at a wall, and
+    contacts are not noted. A body without a fitted model is refused by the first `advance`.
+    """
+
+    def _move(self, duration: float) -> None:
+        for robot in self._robots.values():
+            robot.slide(duration)

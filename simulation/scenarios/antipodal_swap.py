@@ -8,7 +8,12 @@ import numpy as np
 from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
-from .base import Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Scenario, draw
+
+ANGLE = (-0.05, 0.05)
+"""Range of a_i, rad; drawn for each robot."""
+SPEED = 0.5
+"""m/s, reference speed and speed at time 0."""
 
 
 @final
@@ -24,11 +29,6 @@ class AntipodalSwap(Scenario):
     ----------
     robots : n, at least 2.
     robot_radius : m, of the robots that there is room for.
-    circle : R, m; None for max(4, 0.6 n), which leaves the same stretch of the circle to each
-        robot from n = 7 on.
-    angle : range of a_i, rad; drawn for each robot.
-    phase : range of the phase offsets, as shares of the control period, in [0, 1).
-    speed : m/s, reference speed and speed at time 0.
 
     Raises
     ------
@@ -42,38 +42,28 @@ class AntipodalSwap(Scenario):
 
     robots: int = 4
     robot_radius: float = 0.3
-    circle: float | None = None
-    angle: Range = (-0.05, 0.05)
-    phase: Range = (0.0, 0.99)
-    speed: float = 0.5
 
     def __post_init__(self) -> None:
         whole("antipodal_swap.robots", self.robots, least=2)
         positive("antipodal_swap.robot_radius", self.robot_radius)
-        positive("antipodal_swap.speed", self.speed)
-        if self.circle is not None:
-            positive("antipodal_swap.circle", self.circle)
-        checked_range("antipodal_swap.angle", self.angle, -np.pi, np.pi)
-        checked_range("antipodal_swap.phase", self.phase, 0.0, 1.0 - 1e-9)
-        nearest = 2.0 * np.pi / self.robots - (self.angle[1] - self.angle[0])
+        nearest = 2.0 * np.pi / self.robots - (ANGLE[1] - ANGLE[0])
         if nearest <= 0.0 or 2.0 * self.radius * np.sin(0.5 * nearest) <= 2.0 * self.robot_radius:
             raise WideberthError(
                 f"antipodal_swap: {self.robots} robots of radius {self.robot_radius:g} m overlap "
-                f"on a circle of radius {self.radius:g} m; take fewer robots, a larger circle or "
-                "smaller angles"
+                f"on a circle of radius {self.radius:g} m; take fewer or smaller ones"
             )
 
     @property
     def radius(self) -> float:
-        """R, m."""
-        return max(4.0, 0.6 * self.robots) if self.circle is None else self.circle
+        """R, m; from n = 7 on each robot has the same stretch of the circle."""
+        return max(4.0, 0.6 * self.robots)
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw angle and phase of each robot."""
         placed = []
         for i in range(self.robots):
-            angle = 2.0 * np.pi * i / self.robots + draw(rng, self.angle)
+            angle = 2.0 * np.pi * i / self.robots + draw(rng, ANGLE)
             start = self.radius * np.array([np.cos(angle), np.sin(angle)])
             path = Path(np.stack([start, -start]))
-            placed.append(Placement(f"robot {i + 1}", path, self.speed, draw(rng, self.phase)))
+            placed.append(Placement(f"robot {i + 1}", path, SPEED, draw(rng, PHASE)))
         return tuple(placed)

@@ -21,6 +21,8 @@ from ..log.episode_log import Episode
 
 Range: TypeAlias = tuple[float, float]
 """Lowest and highest value; a value is drawn uniformly between them. Equal ends fix it."""
+PHASE: Range = (0.0, 0.99)
+"""Of the robots' phase offsets, as shares of the control period, in [0, 1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +111,7 @@ class Cast:
 
 
 class Scenario(ABC):
-    """A family of situations; a frozen dataclass whose fields are ranges.
+    """A family of situations; a frozen dataclass.
 
     Law: the same seed gives the same cast, and the same generator state the same parts of it.
     """

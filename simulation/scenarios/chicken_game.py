@@ -5,9 +5,13 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import positive
 from ...framework.values.path import Path
-from .base import Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Range, Scenario, checked_range, draw
+
+LAG = (-2.0, 2.0)
+"""s, range of l; negative where the right one is ahead."""
+SPEED = 0.5
+"""m/s, reference speed and speed at time 0."""
 
 
 @final
@@ -27,10 +31,6 @@ class ChickenGame(Scenario):
     ----------
     distance : m, range of d.
     offset : m, range of o; which side is drawn with equal chances.
-    lag : s, range of l; negative where the right one is ahead.
-    phase : range of the robots' phase offsets, as shares of the control period, in [0, 1).
-        Drawn for each robot.
-    speed : m/s, reference speed and speed at time 0.
 
     Raises
     ------
@@ -45,28 +45,20 @@ class ChickenGame(Scenario):
 
     distance: Range = (12.0, 20.0)
     offset: Range = (0.0, 0.5)
-    lag: Range = (-2.0, 2.0)
-    phase: Range = (0.0, 0.99)
-    speed: float = 0.5
 
     def __post_init__(self) -> None:
-        positive("chicken_game.speed", self.speed)
         checked_range("chicken_game.distance", self.distance, 0.1)
         checked_range("chicken_game.offset", self.offset, 0.0)
-        # A lag must not move a start beyond the goal of the same robot.
-        most = self.distance[0] / self.speed
-        checked_range("chicken_game.lag", self.lag, -most, most)
-        checked_range("chicken_game.phase", self.phase, 0.0, 1.0 - 1e-9)
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw distance, offset, side, lag and the two phases."""
         half = 0.5 * draw(rng, self.distance)
         aside = 0.5 * draw(rng, self.offset) * (1.0 if rng.random() < 0.5 else -1.0)
-        shift = 0.5 * self.speed * draw(rng, self.lag)
-        phases = (draw(rng, self.phase), draw(rng, self.phase))
+        shift = 0.5 * SPEED * draw(rng, LAG)
+        phases = (draw(rng, PHASE), draw(rng, PHASE))
         left = Path(np.array([[shift - half, aside], [half, aside]]))
         right = Path(np.array([[shift + half, -aside], [-half, -aside]]))
         return (
-            Placement("left", left, self.speed, phases[0]),
-            Placement("right", right, self.speed, phases[1]),
+            Placement("left", left, SPEED, phases[0]),
+            Placement("right", right, SPEED, phases[1]),
         )

@@ -5,9 +5,15 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import positive
 from ...framework.values.path import Path
-from .base import Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Scenario, draw
+
+DISTANCE = (12.0, 20.0)
+"""m, range of d."""
+LAG = (-2.0, 2.0)
+"""s, range of l; negative where the upper one is ahead."""
+SPEED = 0.5
+"""m/s, reference speed and speed at time 0."""
 
 
 @final
@@ -25,18 +31,6 @@ class Crossing(Scenario):
     so that they are d apart at time 0, and undisturbed the lower one reaches the crossing
     l seconds before the upper one.
 
-    Parameters
-    ----------
-    distance : m, range of d.
-    lag : s, range of l; negative where the upper one is ahead.
-    phase : range of the robots' phase offsets, as shares of the control period, in [0, 1).
-        Drawn for each robot.
-    speed : m/s, reference speed and speed at time 0.
-
-    Raises
-    ------
-    WideberthError : a range that is not ordered or out of bounds.
-
     Notes
     -----
     The paper (section V) shows a crossing without its start positions; the right angle and
@@ -44,28 +38,16 @@ class Crossing(Scenario):
     planner on a grid; these are straight lines.
     """
 
-    distance: Range = (12.0, 20.0)
-    lag: Range = (-2.0, 2.0)
-    phase: Range = (0.0, 0.99)
-    speed: float = 0.5
-
-    def __post_init__(self) -> None:
-        positive("crossing.speed", self.speed)
-        checked_range("crossing.distance", self.distance, 0.1)
-        most = 0.99 * self.distance[0] / self.speed  # both starts lie before the crossing
-        checked_range("crossing.lag", self.lag, -most, most)
-        checked_range("crossing.phase", self.phase, 0.0, 1.0 - 1e-9)
-
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw distance, lag and the two phases."""
-        distance = draw(rng, self.distance)
-        behind = self.speed * draw(rng, self.lag)
-        phases = (draw(rng, self.phase), draw(rng, self.phase))
+        distance = draw(rng, DISTANCE)
+        behind = SPEED * draw(rng, LAG)
+        phases = (draw(rng, PHASE), draw(rng, PHASE))
         beyond = distance / np.sqrt(2.0)
         middle = np.sqrt(0.5 * distance**2 - 0.25 * behind**2)
         lower = Path(np.array([[0.0, 0.5 * behind - middle], [0.0, beyond]]))
         upper = Path(np.array([[middle + 0.5 * behind, 0.0], [-beyond, 0.0]]))
         return (
-            Placement("lower", lower, self.speed, phases[0]),
-            Placement("upper", upper, self.speed, phases[1]),
+            Placement("lower", lower, SPEED, phases[0]),
+            Placement("upper", upper, SPEED, phases[1]),
         )

@@ -5,12 +5,12 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...metrics.episode import approach
 from ..engine.agents import ScriptedAgent
-from .base import Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Scenario, draw
 
 ROOM = 0.5
 """m between surfaces that a passer-by leaves to the other passers-by, and to the robots at first
@@ -21,6 +21,26 @@ DRAWS = 1000
 """Tries to place a passer-by before all of them are drawn anew."""
 ATTEMPTS = 10
 """Times that all are drawn before the ranges are said to leave no room."""
+REACH = (7.0, 9.0)
+"""m, range of e."""
+LAG = (-1.0, 1.0)
+"""s, range of l; negative where the second one is ahead."""
+AZIMUTH = (0.8, 2.4)
+"""rad, range of psi_2."""
+CLIMB = (-0.35, 0.35)
+"""rad, range of both climb angles; negative downwards."""
+PASSER_SPEED = (0.5, 1.0)
+"""m/s, range of the passers-by."""
+PASSER_RADIUS = 0.35
+"""m, of a passer-by."""
+SHARE = (0.3, 0.75)
+"""Range of the share of the path at which a passer-by is met."""
+SWAY = 0.2
+"""m, amplitude b of a passer-by."""
+WAVELENGTH = 8.0
+"""m, L of a passer-by."""
+SPEED = 1.0
+"""m/s, reference speed of the robots and speed at time 0."""
 
 
 @final
@@ -47,65 +67,32 @@ class Crossing3D(Scenario):
 
     Parameters
     ----------
-    reach : m, range of e.
-    lag : s, range of l; negative where the second one is ahead.
-    azimuth : rad, range of psi_2.
-    climb : rad, range of both climb angles; negative downwards.
-    phase : range of the robots' phase offsets, as shares of the control period, in [0, 1).
-    speed : m/s, reference speed of the robots and speed at time 0.
     passers : number of passers-by; they are aimed at the two robots in turn.
-    passer_speed : m/s, range.
-    passer_radius : m.
-    share : range of the share of the path at which a passer-by is met.
-    sway : m, amplitude b.
-    wavelength : m, L.
 
     Raises
     ------
     WideberthError : a range that is not ordered or out of bounds; when drawing, no room.
     """
 
-    reach: Range = (7.0, 9.0)
-    lag: Range = (-1.0, 1.0)
-    azimuth: Range = (0.8, 2.4)
-    climb: Range = (-0.35, 0.35)
-    phase: Range = (0.0, 0.99)
-    speed: float = 1.0
     passers: int = 4
-    passer_speed: Range = (0.5, 1.0)
-    passer_radius: float = 0.35
-    share: Range = (0.3, 0.75)
-    sway: float = 0.2
-    wavelength: float = 8.0
 
     def __post_init__(self) -> None:
-        for name in ("speed", "passer_radius", "wavelength"):
-            positive(f"crossing_3d.{name}", getattr(self, name))
-        positive("crossing_3d.sway", self.sway, zero=True)
         whole("crossing_3d.passers", self.passers, least=0)
-        checked_range("crossing_3d.reach", self.reach, 0.1)
-        most = 1.98 * self.reach[0] / self.speed  # both starts lie before the crossing
-        checked_range("crossing_3d.lag", self.lag, -most, most)
-        checked_range("crossing_3d.azimuth", self.azimuth, -np.pi, np.pi)
-        checked_range("crossing_3d.climb", self.climb, -0.5 * np.pi, 0.5 * np.pi)
-        checked_range("crossing_3d.phase", self.phase, 0.0, 1.0 - 1e-9)
-        checked_range("crossing_3d.passer_speed", self.passer_speed, 1e-3)
-        checked_range("crossing_3d.share", self.share, 0.0, 1.0)
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw reach, lag, azimuth, the two climb angles and the two phases."""
-        reach = draw(rng, self.reach)
-        half = 0.5 * self.speed * draw(rng, self.lag)
-        azimuths = (0.0, draw(rng, self.azimuth))
+        reach = draw(rng, REACH)
+        half = 0.5 * SPEED * draw(rng, LAG)
+        azimuths = (0.0, draw(rng, AZIMUTH))
         placements = []
         for name, azimuth, before in zip(
             ("first", "second"), azimuths, (-half, half), strict=True
         ):
-            climb = draw(rng, self.climb)
+            climb = draw(rng, CLIMB)
             flat = np.cos(climb) * np.array([np.cos(azimuth), np.sin(azimuth)])
             along = np.array([*flat, np.sin(climb)])
             path = Path(np.array([-(reach + before) * along, reach * along]))
-            placements.append(Placement(name, path, self.speed, draw(rng, self.phase)))
+            placements.append(Placement(name, path, SPEED, draw(rng, PHASE)))
         return tuple(placements)
 
     def bystanders(
@@ -125,7 +112,7 @@ class Crossing3D(Scenario):
             fullest = max(fullest, len(found))
         raise WideberthError(
             f"passer {fullest + 1} of {self.passers} found no room between the others in "
-            f"{ATTEMPTS} attempts of {DRAWS} draws; state fewer passers or a larger reach"
+            f"{ATTEMPTS} attempts of {DRAWS} draws; state fewer passers"
         )
 
     def _passers(
@@ -145,21 +132,19 @@ class Crossing3D(Scenario):
 
     def _passer(self, rng: np.random.Generator, target: Placement, name: str) -> ScriptedAgent:
         """Draw a way through the place where the robot would be at some time."""
-        arc = draw(rng, self.share) * target.path.length
-        speed = draw(rng, self.passer_speed)
+        arc = draw(rng, SHARE) * target.path.length
+        speed = draw(rng, PASSER_SPEED)
         frame, triangle = np.linalg.qr(rng.standard_normal((3, 3)))
         along, *aside = (frame * np.sign(np.diag(triangle))).T  # uniform among all frames
         turns = rng.uniform(0.0, 2.0 * np.pi, 2)
         span = 2.0 * target.path.length  # to where it disturbs no one when it stops there
-        arcs = np.arange(-span, span, 0.05 * self.wavelength)
-        waves = np.sin(2.0 * np.pi * arcs[:, None] / self.wavelength + turns)
-        points = (
-            target.path.at(np.array(arc)) + np.outer(arcs, along) + self.sway * (waves @ aside)
-        )
+        arcs = np.arange(-span, span, 0.05 * WAVELENGTH)
+        waves = np.sin(2.0 * np.pi * arcs[:, None] / WAVELENGTH + turns)
+        points = target.path.at(np.array(arc)) + np.outer(arcs, along) + SWAY * (waves @ aside)
         way = Path(points)
         met = way.arc[int(np.argmin(np.abs(arcs)))]
         start = arc / target.speed - met / speed
-        return ScriptedAgent(name, way, speed, self.passer_radius, start)
+        return ScriptedAgent(name, way, speed, PASSER_RADIUS, start)
 
     def _has_room(
         self, passer: ScriptedAgent, placements: tuple[Placement, ...], others: list[ScriptedAgent]
@@ -167,7 +152,7 @@ class Crossing3D(Scenario):
         """Whether it keeps clear of the robots at first, and of the other passers-by."""
         last = max(one.path.length / one.speed for one in placements)
         early, late = np.linspace(0.0, CALM, 31), np.linspace(0.0, 1.5 * last, 301)
-        wanted = ROOM + 2.0 * self.passer_radius
+        wanted = ROOM + 2.0 * PASSER_RADIUS
         gaps: list[Array] = [
             approach(passer.at(early), one.path.at(one.speed * early)) for one in placements
         ]

@@ -10,7 +10,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...metrics.episode import approach
 from ..engine.agents import ReplayAgent
-from .base import Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Scenario, draw
 
 ROOM = 0.3
 """m between surfaces that walkers leave to each other, and to the robot at first."""
@@ -22,6 +22,16 @@ SPAN = (-60.0, 200.0)
 """s, from when to when walkers are there."""
 SAMPLE_TIME = 0.2
 """s between the instants at which their ways are drawn; straight in between."""
+WALKER_SPEED = (0.3, 0.7)
+"""m/s, range of the mean speeds."""
+SHARE = (0.25, 0.9)
+"""Range of the share of the way at which a walker is met."""
+ASIDE = (-1.5, 1.5)
+"""m, range of how far beside the robot it passes undisturbed."""
+ACCELERATION_DENSITY = 0.01
+"""m^2/s^3, q per axis."""
+TIME_CONSTANT = 5.0
+"""s, tau."""
 
 
 @final
@@ -45,13 +55,7 @@ class CrossingField(Scenario):
     walkers : number of them.
     reach : m.
     speed : m/s, of the robot at time 0, and its reference speed.
-    walker_speed : m/s, range of the mean speeds.
     walker_radius : m.
-    share : range of the share of the way at which a walker is met.
-    aside : m, range of how far beside the robot it passes undisturbed.
-    acceleration_density : q, m^2/s^3 per axis.
-    time_constant : tau, s.
-    phase : range of the robot's phase offset, as a share of the control period, in [0, 1).
 
     Raises
     ------
@@ -61,28 +65,18 @@ class CrossingField(Scenario):
     walkers: int = 8
     reach: float = 10.0
     speed: float = 0.5
-    walker_speed: Range = (0.3, 0.7)
     walker_radius: float = 0.4
-    share: Range = (0.25, 0.9)
-    aside: Range = (-1.5, 1.5)
-    acceleration_density: float = 0.01
-    time_constant: float = 5.0
-    phase: Range = (0.0, 0.99)
 
     def __post_init__(self) -> None:
         whole("crossing_field.walkers", self.walkers)
-        for name in ("reach", "speed", "walker_radius", "time_constant"):
+        for name in ("speed", "walker_radius"):
             positive(f"crossing_field.{name}", getattr(self, name))
-        positive("crossing_field.acceleration_density", self.acceleration_density, zero=True)
-        checked_range("crossing_field.walker_speed", self.walker_speed, 1e-3)
-        checked_range("crossing_field.share", self.share, 0.0, 1.0)
-        checked_range("crossing_field.aside", self.aside, -self.reach, self.reach)
-        checked_range("crossing_field.phase", self.phase, 0.0, 1.0 - 1e-9)
+        positive("crossing_field.reach", self.reach - ASIDE[1])
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the phase; the way is the same for every seed."""
         way = Path(np.array([[-self.reach, 0.0], [self.reach, 0.0]]))
-        return (Placement("robot", way, self.speed, draw(rng, self.phase)),)
+        return (Placement("robot", way, self.speed, draw(rng, PHASE)),)
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
@@ -112,19 +106,19 @@ class CrossingField(Scenario):
 
     def _way(self, rng: np.random.Generator, times: Array) -> Array:
         """Draw the way of one walker, (T, 2), m."""
-        share, angle = draw(rng, self.share), draw(rng, (-np.pi, np.pi))
+        share, angle = draw(rng, SHARE), draw(rng, (-np.pi, np.pi))
         ahead = np.array([np.cos(angle), np.sin(angle)])
         place = np.array([(2.0 * share - 1.0) * self.reach, 0.0])
-        place += draw(rng, self.aside) * np.array([-ahead[1], ahead[0]])
-        velocity = draw(rng, self.walker_speed) * ahead + self._sway(rng, len(times))
+        place += draw(rng, ASIDE) * np.array([-ahead[1], ahead[0]])
+        velocity = draw(rng, WALKER_SPEED) * ahead + self._sway(rng, len(times))
         way = np.concatenate([np.zeros((1, 2)), np.cumsum(SAMPLE_TIME * velocity[:-1], axis=0)])
         met = int(np.searchsorted(times, 2.0 * share * self.reach / self.speed))
         return np.asarray(way - way[met] + place)
 
     def _sway(self, rng: np.random.Generator, count: int) -> Array:
         """Draw the stationary process about the mean velocity, exact at the steps, (T, 2), m/s."""
-        keep = float(np.exp(-SAMPLE_TIME / self.time_constant))
-        deviation = np.sqrt(0.5 * self.acceleration_density * self.time_constant)
+        keep = float(np.exp(-SAMPLE_TIME / TIME_CONSTANT))
+        deviation = np.sqrt(0.5 * ACCELERATION_DENSITY * TIME_CONSTANT)
         sway: Array = deviation * rng.standard_normal((count, 2))
         sway[1:] *= np.sqrt(1.0 - keep**2)
         for i in range(1, count):

@@ -1,27 +1,23 @@
 """CrowdNav++: twenty people who change their goals and are replaced; a robot that sees 5 m far."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, final
+from typing import ClassVar, Literal, final
 
 import numpy as np
 
-from ...framework.values.arrays import whole
+from ...framework.values.arrays import checked_choice, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ..crowds.base import CrowdWorld
 from ..crowds.crowdnav_plus import (
     RADIUS,
     CrowdNavPlusCrowd,
-    CrowdNavPlusOrca,
     Phase,
-    SocialForceRobot,
     Variant,
-    played,
 )
 from ..engine.settings import Settings
 from ..engine.world import Rules
 from .base import Cast, Placement, Scenario
-from .placing import checked_choice
 
 CASES = 500
 """Test cases of the original."""
@@ -120,32 +116,6 @@ class CrowdNavPlus(Scenario):
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw a case, and place its robot."""
         return _placed(self._rules(int(rng.integers(CASES))))
-
-    def reference_row(self, seed: int, robot: str) -> dict[str, Any]:
-        """Play the case of a seed with one of the original's robots, and return its row.
-
-        Parameters
-        ----------
-        robot : "orca", "social_force", or "orca_informed", who knows all believed radii and is no
-            part of the original; see `CrowdNavPlusOrca`.
-
-        Raises
-        ------
-        WideberthError : there is no such robot.
-        """
-        who: CrowdNavPlusOrca | SocialForceRobot
-        if robot in ("orca", "orca_informed"):
-            informed = robot == "orca_informed"
-            who = CrowdNavPlusOrca(self.variant, self.seed, self.phase, informed=informed)
-        elif robot == "social_force":
-            who = SocialForceRobot()
-        else:
-            raise WideberthError(
-                f"crowdnav_plus has no robot {robot!r}; it has orca, orca_informed, social_force"
-            )
-        rules = self._rules(self.case(seed))
-        crowd = CrowdNavPlusCrowd(rules.case, rules.variant, rules.seed, rules.phase)
-        return played(crowd, who).row()
 
     def _rules(self, case: int) -> CrowdNavPlusRules:
         return CrowdNavPlusRules(case, self.variant, self.seed, self.phase)

@@ -1,26 +1,24 @@
 """CrowdSimPlus by its own rules: three people in a hallway who see the robot, walls that stop."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import numpy as np
 
+from ...framework.values.arrays import checked_choice
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..crowds.base import CrowdWorld
 from ..crowds.crowdsimplus import (
     ROBOT_RADIUS,
     CrowdSimPlusCrowd,
-    CrowdSimPlusOrca,
     Kind,
     hall_of,
-    played,
 )
 from ..crowds.hall import Layout
 from ..engine.settings import Settings
 from ..engine.world import Rules
 from .base import Cast, Placement, Scenario
-from .placing import checked_choice
 
 
 @final
@@ -33,13 +31,10 @@ class CrowdSimPlusRules(Rules):
     people: Kind
     attributes: bool
 
-    def crowd(self) -> CrowdSimPlusCrowd:
-        """Return the case at time 0."""
-        return CrowdSimPlusCrowd(self.case, self.layout, self.people, attributes=self.attributes)
-
     def world(self, settings: Settings) -> CrowdWorld:
         """Return a world with the case at time 0."""
-        return CrowdWorld(self.crowd(), settings)
+        crowd = CrowdSimPlusCrowd(self.case, self.layout, self.people, attributes=self.attributes)
+        return CrowdWorld(crowd, settings)
 
 
 @final
@@ -101,10 +96,6 @@ class CrowdSimPlus(Scenario):
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
         """Walls and door, as bodies for planners; the same for every seed."""
         return hall_of(self.layout).polygons()
-
-    def reference_row(self, seed: int) -> dict[str, Any]:
-        """Play the case of a seed with the original's ORCA robot, and return its row."""
-        return played(self._rules(seed).crowd(), CrowdSimPlusOrca()).row()
 
     def _rules(self, seed: int) -> CrowdSimPlusRules:
         return CrowdSimPlusRules(seed, self.layout, self.people_kind, self.attributes)

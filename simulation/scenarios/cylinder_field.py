@@ -27,6 +27,10 @@ _FINER = 3
 """Places along a cell at which it is asked whether the robot may pass."""
 _DRAWS = 20_000
 """Fields that are drawn before the robot is said to be too large."""
+ROOM = 0.02
+"""m, least distance of the path from the field's cells beside the robot's radius."""
+RESOLUTION = 0.05
+"""m, of the map for the path."""
 
 
 @final
@@ -44,8 +48,6 @@ class CylinderField(Scenario):
     ----------
     routes : finds the path through the field; None for the straight line, which pillars block.
     robot_radius : m, of the robot that there is room for.
-    room : m, least distance of the path from the field's cells beside the radius.
-    resolution : m, of the map for the path.
     reference_speed : m/s; the robot starts from a stand.
 
     Raises
@@ -64,12 +66,10 @@ class CylinderField(Scenario):
 
     routes: RoutePlanner | None = None
     robot_radius: float = 0.25
-    room: float = 0.02
-    resolution: float = 0.05
     reference_speed: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("robot_radius", "room", "resolution", "reference_speed"):
+        for name in ("robot_radius", "reference_speed"):
             positive(f"cylinder_field.{name}", getattr(self, name))
 
     def cast(self, seed: int) -> Cast:
@@ -87,7 +87,7 @@ class CylinderField(Scenario):
         straight = Path(np.array([[-BEFORE, 0.0], [CELLS * SIDE + BEHIND, 0.0]]))
         for _ in range(_DRAWS):
             cells = grown(rng, fill, smoothings)
-            room = self.robot_radius + self.room
+            room = self.robot_radius + ROOM
             if not passable(cells, room):
                 continue
             walls = (*corridor(), *rectangles(cells))
@@ -104,7 +104,7 @@ class CylinderField(Scenario):
         """Return the path among walls, if there is one."""
         if self.routes is None:
             return straight
-        world = Furnished(walls=walls, room=room, resolution=self.resolution)
+        world = Furnished(walls=walls, room=room, resolution=RESOLUTION)
         costmap = world.costmap(straight.points)
         path = self.routes.plan(costmap, straight.points[0], straight.goal).path
         if path is None or costmap.blocked_steps(path.points).any():

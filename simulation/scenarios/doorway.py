@@ -5,13 +5,13 @@ from typing import Literal, TypeAlias, final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array, checked_choice, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..engine.agents import Bystander, ScriptedAgent
-from .base import Placement, Range, Scenario, checked_range, draw
-from .placing import box, checked_choice
+from .base import PHASE, Placement, Scenario, draw
+from .placing import box
 
 Oncoming: TypeAlias = Literal["walker", "robot"]
 
@@ -21,6 +21,18 @@ THICKNESS = 0.2
 """m, of the wall."""
 GONE = 60.0
 """m behind the door where a walker stops: no one stands at the robot's goal."""
+REACH = 5.0
+"""m, from the door to the robot's start and goal, along x."""
+ASIDE = (-1.0, 1.0)
+"""m, range of y1 and y2, and of the same numbers of the other one; each drawn."""
+LAG = (-2.0, 2.0)
+"""s, range of l; negative where the other one is first."""
+WALKER_RADIUS = 0.3
+"""m, of the walker."""
+WALKER_SPEED = (0.4, 0.7)
+"""m/s, range of the walker's speed."""
+SPEED = 0.5
+"""m/s, of robots at time 0, and their reference speed."""
 
 
 @final
@@ -36,14 +48,7 @@ class Doorway(Scenario):
     ----------
     opening : width of the door over 2 r, above 1.
     robot_radius : r, m, of the robot that there is room for.
-    reach : m, from the door to the robot's start and goal, along x.
-    aside : m, range of y1 and y2, and of the same numbers of the other one; each drawn.
-    lag : s, range of l; negative where the other one is first.
     oncoming : "walker", who makes way for no one, or "robot", which has the same controller.
-    walker_radius : m.
-    walker_speed : m/s, range.
-    phase : range of the phase offsets, as shares of the control period, in [0, 1).
-    speed : m/s, of robots at time 0, and their reference speed.
 
     Raises
     ------
@@ -57,34 +62,18 @@ class Doorway(Scenario):
 
     opening: float = 1.2
     robot_radius: float = 0.3
-    reach: float = 5.0
-    aside: Range = (-1.0, 1.0)
-    lag: Range = (-2.0, 2.0)
     oncoming: Oncoming = "walker"
-    walker_radius: float = 0.3
-    walker_speed: Range = (0.4, 0.7)
-    phase: Range = (0.0, 0.99)
-    speed: float = 0.5
 
     def __post_init__(self) -> None:
         checked_choice("doorway.oncoming", self.oncoming, Oncoming)
-        for name in ("robot_radius", "walker_radius", "speed"):
-            positive(f"doorway.{name}", getattr(self, name))
-        checked_range("doorway.walker_speed", self.walker_speed, 1e-3)
-        checked_range("doorway.phase", self.phase, 0.0, 1.0 - 1e-9)
-        body = max(self.robot_radius, self.walker_radius)
+        positive("doorway.robot_radius", self.robot_radius)
+        body = max(self.robot_radius, WALKER_RADIUS)
         if not 0.5 * self.width > body:
             raise WideberthError(
                 f"doorway: the door is {self.width:g} m wide (opening {self.opening:g} times "
                 f"2 r), and a body of radius {body:g} m does not fit through it; take a wider "
                 "opening or a smaller body"
             )
-        positive("doorway.reach", self.reach - THICKNESS - 2.0 * body)
-        most = WALL - body
-        checked_range("doorway.aside", self.aside, -most, most)
-        slowest = min(self.speed, self.walker_speed[0])  # the other one starts before the door
-        least = (THICKNESS + 2.0 * body) / slowest - self.reach / self.speed
-        checked_range("doorway.lag", self.lag, least)
 
     @property
     def width(self) -> float:
@@ -93,12 +82,12 @@ class Doorway(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the way and the phase; of the other robot as well, where there is one."""
-        way, phase = self._way(rng, self.reach), draw(rng, self.phase)
-        robot = Placement("robot", Path(way), self.speed, phase)
+        way, phase = self._way(rng, REACH), draw(rng, PHASE)
+        robot = Placement("robot", Path(way), SPEED, phase)
         if self.oncoming == "walker":
             return (robot,)
-        other = self._oncoming(rng, robot.path, self.speed, self.reach)
-        return robot, Placement("oncoming", other, self.speed, draw(rng, self.phase))
+        other = self._oncoming(rng, robot.path, SPEED, REACH)
+        return robot, Placement("oncoming", other, SPEED, draw(rng, PHASE))
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
@@ -106,9 +95,9 @@ class Doorway(Scenario):
         """Draw the walker, where the other one is none of the robots."""
         if self.oncoming == "robot":
             return ()
-        speed = draw(rng, self.walker_speed)
+        speed = draw(rng, WALKER_SPEED)
         way = self._oncoming(rng, placements[0].path, speed, GONE)
-        return (ScriptedAgent("walker", way, speed, self.walker_radius),)
+        return (ScriptedAgent("walker", way, speed, WALKER_RADIUS),)
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
         """Both parts of the wall; the same for every seed."""
@@ -120,13 +109,13 @@ class Doorway(Scenario):
 
     def _oncoming(self, rng: np.random.Generator, path: Path, speed: float, end: float) -> Path:
         """Way of the other one, which reaches the door l s after the robot."""
-        way = -self._way(rng, self.reach)
-        way[2] *= end / self.reach
-        arrival = path.arc[1] / self.speed + draw(rng, self.lag)
+        way = -self._way(rng, REACH)
+        way[2] *= end / REACH
+        arrival = path.arc[1] / SPEED + draw(rng, LAG)
         way[0] *= speed * arrival / np.hypot(*way[0])
         return Path(way)
 
     def _way(self, rng: np.random.Generator, reach: float) -> Array:
         """Way through the door from the left, (3, 2), m."""
-        first, second = draw(rng, self.aside), draw(rng, self.aside)
+        first, second = draw(rng, ASIDE), draw(rng, ASIDE)
         return np.array([[-reach, first], [0.0, 0.0], [reach, second]])

@@ -8,17 +8,16 @@ from typing import Any, ClassVar, Literal, TypeAlias, final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, whole
+from ...framework.values.arrays import Array, checked_choice, whole
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ...metrics.gaps import gaps, wall_gaps
 from ..engine.agents import ReplayAgent
 from ..log.episode_log import Episode
 from .base import Cast, Placement, Scenario
-from .placing import box, checked_choice
+from .placing import box
 
 Tier: TypeAlias = Literal["all", "easy", "medium", "hard"]
-Motion: TypeAlias = Literal["spline", "polyline"]
 
 WORLDS: dict[Tier, range] = {
     "all": range(60),
@@ -71,7 +70,7 @@ def obstacles_of(world: int) -> tuple[str, ...]:
     return tuple(_data()["worlds"][world])
 
 
-def place_at(keys: Array, times: Array, motion: Motion = "spline") -> Array:
+def place_at(keys: Array, times: Array) -> Array:
     """Return where an obstacle is, (T,) -> (T, 2), m, at times after the load of its world, s.
 
     The keys (t_k, p_k) are a loop of length L = t_{N-1}, which jumps from its end to its start.
@@ -91,19 +90,16 @@ def place_at(keys: Array, times: Array, motion: Motion = "spline") -> Array:
     ----------
     keys : (N, 3), time s, x and y m.
     times : (T,), s.
-    motion : "spline", or "polyline" for constant speed from key to key, a variant of our own.
     """
     clock, points = keys[:, 0], keys[:, 1:]
-    return _within(keys, clock, points, np.fmod(np.asarray(times, float), clock[-1]), motion)
+    return _within(keys, clock, points, np.fmod(np.asarray(times, float), clock[-1]))
 
 
-def _within(keys: Array, clock: Array, points: Array, asked: Array, motion: Motion) -> Array:
+def _within(keys: Array, clock: Array, points: Array, asked: Array) -> Array:
     """Return places within the loop, at (T,) s in [0, L], (T, 2), m."""
     last = len(keys) - 2
     k = np.clip(np.searchsorted(clock, asked, side="right") - 1, 0, last)
     u = ((asked - clock[k]) / (clock[k + 1] - clock[k]))[:, None]
-    if motion == "polyline":
-        return np.asarray((1.0 - u) * points[k] + u * points[k + 1])
     tangents = np.empty_like(points)
     tangents[1:-1] = 0.5 * (points[2:] - points[:-2])
     tangents[0], tangents[-1] = 0.5 * (points[1] - points[0]), 0.5 * (points[-1] - points[-2])
@@ -119,12 +115,12 @@ def _within(keys: Array, clock: Array, points: Array, asked: Array, motion: Moti
 
 
 @cache
-def _lap(obstacle: str, motion: Motion) -> tuple[Array, Array]:
+def _lap(obstacle: str) -> tuple[Array, Array]:
     """Return one lap of an obstacle, sampled: times (T,), s, from 0, and places (T, 2), m."""
     keys = keys_of(obstacle)
     length = float(keys[-1, 0])
     clock = np.linspace(0.0, length, int(np.ceil(length / SAMPLE)) + 1)
-    return clock, _within(keys, keys[:, 0], keys[:, 1:], clock, motion)
+    return clock, _within(keys, keys[:, 0], keys[:, 1:], clock)
 
 
 @final
@@ -152,23 +148,19 @@ class DynaBarn(Scenario):
     Parameters
     ----------
     tier : "all", "easy", "medium" or "hard".
-    motion : "spline", as Gazebo moves them, or "polyline", at constant speed from key to key: our
-        own variant, in which the speeds are those that the tier's name promises.
 
     Raises
     ------
-    WideberthError : an unknown tier or motion.
+    WideberthError : an unknown tier.
     """
 
     reference: ClassVar[str] = "xu2022barn"
     robot_radius = ROBOT_RADIUS
 
     tier: Tier = "all"
-    motion: Motion = "spline"
 
     def __post_init__(self) -> None:
         checked_choice("dynabarn.tier", self.tier, Tier)
-        checked_choice("dynabarn.motion", self.motion, Motion)
 
     def case(self, seed: int) -> tuple[int, int]:
         """Return the world of a seed, and the seed of its phase."""
@@ -257,9 +249,7 @@ class DynaBarn(Scenario):
         tau = float(rng.uniform(*PHASES))
         clock = np.arange(0.0, SAFE + 0.5 * SAMPLE, SAMPLE)
         for _ in range(LATER):
-            ways = [
-                place_at(keys_of(one), tau + clock, self.motion) for one in obstacles_of(world)
-            ]
+            ways = [place_at(keys_of(name), tau + clock) for name in obstacles_of(world)]
             apart = np.hypot(*(np.stack(ways) - START).transpose(2, 0, 1))
             if apart.min() >= RADIUS + ROBOT_RADIUS:
                 break
@@ -270,7 +260,7 @@ class DynaBarn(Scenario):
         """Return every lap of every obstacle that a run meets, on the run's clock."""
         found = []
         for number, obstacle in enumerate(obstacles_of(world), start=1):
-            clock, places = _lap(obstacle, self.motion)
+            clock, places = _lap(obstacle)
             length = float(clock[-1])
             first = int((tau - BEFORE) // length)
             last = int((tau + LIMIT + AFTER) // length)

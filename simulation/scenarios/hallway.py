@@ -8,7 +8,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ...framework.controller import fresh
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, checked_choice, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon, separation
@@ -20,11 +20,22 @@ from ..log.episode_log import Episode
 from ..sensing.channel import Channel
 from .base import Cast, Placement, Scenario
 from .crowd_mix import CrowdMix, mix_of
-from .placing import checked_choice
 
-JAMMED = 0.547
-"""Share of a floor that equal discs cover at most when they are placed one after the other at
-random (Feder 1980): later ones would be placed beyond the hallway, ever farther away."""
+PERSONS = 3
+"""Number of people."""
+PERSON_RADIUS = 0.3
+"""m, of a person."""
+PERSON_SPEED = 1.0
+"""m/s, at which everybody wants to walk."""
+CIRCLE_RADIUS = 1.5
+"""R, m."""
+WIDTH, HEIGHT = 2.0, 4.0
+"""m, of the hallway; its walls go up and down as far as its height."""
+DOOR = 1.0
+"""m, width of the door of "static" and "bottleneck"; that of "squeeze" is half of the
+hallway's."""
+HEAD_START = 2.5
+"""s before time 0 at which people begin to walk: 10 steps of 0.25 s."""
 
 
 @final
@@ -37,23 +48,13 @@ class Hallway(Scenario):
     towards the robot, 80 % start on their own right. Whose way leads through a door heads
     for its middle first.
 
-    ``head_start`` s before time 0 the people begin to walk from a stand, while the robot waits.
+    `HEAD_START` s before time 0 the people begin to walk from a stand, while the robot waits.
 
     Parameters
     ----------
     layout : "open", "static", "static_with_back", "bottleneck" or "squeeze".
-    persons : number of people.
-    person_radius : m.
-    person_speed : m/s, at which everybody wants to walk.
     robot_radius : m, of the robot that there is room for; the door's length hangs on it, too.
     reference_speed : m/s, of the robot, which stands at time 0.
-    circle_radius : R, m.
-    width, height : m, of the hallway; its walls go up and down as far as its height.
-    door : m, width of the door of "static" and "bottleneck"; that of "squeeze" is half of the
-        hallway's.
-    head_start : s; there 10 steps of 0.25 s.
-    crowd : who the people are; None for the social force with the numbers from there, which
-        are others at the bottleneck.
 
     Raises
     ------
@@ -64,7 +65,7 @@ class Hallway(Scenario):
     Notes
     -----
     `CrowdSimPlus` has the original's rules. Departures here: everybody wants to walk at
-    ``person_speed`` (there, by default, at a speed drawn from 0.5 to 1.5 m/s, which changes the
+    `PERSON_SPEED` (there, by default, at a speed drawn from 0.5 to 1.5 m/s, which changes the
     draws that follow); people go on from the head start with a new controller, at the speed that
     they had towards their goal, and from an earlier instant where a person would begin in contact;
     walls have a thickness, of 0.02 m where they are doors; no one is stopped by a wall (there an
@@ -76,51 +77,26 @@ class Hallway(Scenario):
     reference: ClassVar[str] = "samavi2024sicnav"
 
     layout: Layout = "open"
-    persons: int = 3
-    person_radius: float = 0.3
-    person_speed: float = 1.0
     robot_radius: float = 0.25
     reference_speed: float = 1.0
-    circle_radius: float = 1.5
-    width: float = 2.0
-    height: float = 4.0
-    door: float = 1.0
-    head_start: float = 2.5
-    crowd: CrowdMix | None = None
 
     def __post_init__(self) -> None:
         checked_choice("hallway.layout", self.layout, Layout)
-        whole("hallway.persons", self.persons, least=0)
-        positive("hallway.head_start", self.head_start, zero=True)
-        for name in ("person_radius", "person_speed", "robot_radius", "reference_speed", "door"):
+        for name in ("robot_radius", "reference_speed"):
             positive(f"hallway.{name}", getattr(self, name))
-        for name in ("circle_radius", "width", "height"):
-            positive(f"hallway.{name}", getattr(self, name) - 2.0 * self.person_radius)
-        self._check_room()
-        body = max(self.robot_radius, self.person_radius)
+        body = max(self.robot_radius, PERSON_RADIUS)
         if self.layout != "open" and self.hall.door <= 2.0 * body:
             raise WideberthError(
                 f"hallway: the door is {self.hall.door:g} m wide and a body of radius {body:g} m "
                 "does not fit through it; take a wider door or smaller bodies"
             )
 
-    def _check_room(self) -> None:
-        """Refuse more people than can be placed at random between the walls."""
-        floor = 2.0 * self.width * self.height
-        most = int(JAMMED * floor / (np.pi * self.person_radius**2))
-        if self.persons > most:
-            raise WideberthError(
-                f"hallway.persons is {self.persons}; on its {floor:g} m^2 there is room for "
-                f"{most} at most of radius {self.person_radius:g} m: take fewer people, smaller "
-                "ones, or a larger hallway"
-            )
-
     @property
     def hall(self) -> Hall:
         """Its walls."""
-        door = 0.5 * self.width if self.layout == "squeeze" else self.door
-        low = self.circle_radius - 2.0 * self.robot_radius
-        return Hall(self.layout, self.width, self.height, door, low, self.circle_radius)
+        door = 0.5 * WIDTH if self.layout == "squeeze" else DOOR
+        low = CIRCLE_RADIUS - 2.0 * self.robot_radius
+        return Hall(self.layout, WIDTH, HEIGHT, door, low, CIRCLE_RADIUS)
 
     def cast(self, seed: int) -> Cast:
         """Draw the people from the generator of CrowdSimPlus; nothing else is drawn."""
@@ -130,24 +106,22 @@ class Hallway(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Place the robot, standing; the same for every seed."""
-        way = np.array([[0.0, -self.circle_radius], [0.0, self.circle_radius]])
+        way = np.array([[0.0, -CIRCLE_RADIUS], [0.0, CIRCLE_RADIUS]])
         return (Placement("robot", Path(way), 0.0, reference_speed=self.reference_speed),)
 
     def people(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[RobotAgent, ...]:
         """Draw the people, and let them walk until time 0."""
-        draws = PeopleDraws(self.hall, self.person_radius, self.robot_radius)
-        ways = [(start, goal) for _, start, goal in draws.ways(rng, self.persons)]
-        crowd = _social_force(self.layout) if self.crowd is None else self.crowd
+        draws = PeopleDraws(self.hall, PERSON_RADIUS, self.robot_radius)
+        ways = [(start, goal) for _, start, goal in draws.ways(rng, PERSONS)]
+        crowd = _social_force(self.layout)
         people = [  # their kinds are drawn last, so that the ways are those of CrowdSimPlus
-            crowd.person(
-                rng, f"person {k}", self._route(start, goal), self.person_speed, self.person_radius
-            )
+            crowd.person(rng, f"person {k}", self._route(start, goal), PERSON_SPEED, PERSON_RADIUS)
             for k, (start, goal) in enumerate(ways, start=1)
         ]
         waiting = [(placements[0].path.points[0], self.robot_radius)]
-        return head_start(people, self.head_start, waiting, self.hall.polygons(), self._route)
+        return head_start(people, HEAD_START, waiting, self.hall.polygons(), self._route)
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
         """Walls and door; the same for every seed."""

@@ -5,7 +5,7 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ..engine.agents import ReplayAgent
@@ -93,14 +93,29 @@ class Autoregression:
 
 Motion: TypeAlias = WhiteAcceleration | Autoregression
 
+WALKERS = 3
+"""Number of walkers."""
+REACH = 6.0
+"""m, length of the robot's way."""
+ASIDE = 2.0
+"""m beside the way up to which walkers begin."""
+ROOM = 1.2
+"""m about the robot's start in which no walker is placed."""
+WALKER_RADIUS = 0.3
+"""m, of a walker."""
+SPEED = 0.6
+"""m/s, of the robot at time 0, and its reference speed."""
+DT = 0.5
+"""s, step of the model; between its instants walkers go straight."""
+
 
 @final
 @dataclass(frozen=True)
 class ModelCrowd(Scenario):
-    """A robot drives from (0, 0) to (reach, 0); walkers about its way follow one model exactly.
+    """A robot drives from (0, 0) to (6, 0); walkers about its way follow one model exactly.
 
     A walker's motion and its place at time 0 are drawn independently, the place uniformly over
-    [0, reach] x [-aside, aside] but for ``room`` about the robot's start. So the robot's
+    [0, 6] x [-2, 2] but for `ROOM` about the robot's start. So the robot's
     place says nothing about how a walker moves, and a predictor that assumes the model knows all
     that can be known: its forecasts are calibrated, given what was seen. (A walker aimed at the
     robot would not do: its aim would say more than its past.) Walkers pass through each other, and
@@ -109,53 +124,38 @@ class ModelCrowd(Scenario):
     Parameters
     ----------
     motion : the model.
-    walkers : number of them.
-    reach, aside, room : m.
-    speed : m/s, of the robot at time 0, and its reference speed.
-    walker_radius : m.
-    dt : s, step of the model; between its instants walkers go straight.
     before : s before time 0 at which the motion begins.
 
     Raises
     ------
-    WideberthError : a number out of range; when drawing, no place outside ``room``.
+    WideberthError : a number out of range; when drawing, no place outside `ROOM`.
     """
 
     motion: Motion = field(default_factory=WhiteAcceleration)
-    walkers: int = 3
-    reach: float = 6.0
-    aside: float = 2.0
-    room: float = 1.2
-    speed: float = 0.6
-    walker_radius: float = 0.3
-    dt: float = 0.5
     before: float = 10.0
 
     def __post_init__(self) -> None:
-        whole("model_crowd.walkers", self.walkers)
-        for name in ("reach", "aside", "speed", "walker_radius", "dt", "before"):
-            positive(f"model_crowd.{name}", getattr(self, name))
-        positive("model_crowd.room", self.room, zero=True)
+        positive("model_crowd.before", self.before)
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Return the robot; its way is the same for every seed."""
-        return (Placement("robot", Path(np.array([[0.0, 0.0], [self.reach, 0.0]])), self.speed),)
+        return (Placement("robot", Path(np.array([[0.0, 0.0], [REACH, 0.0]])), SPEED),)
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[ReplayAgent, ...]:
         """Draw each walker's place at time 0 and its motion."""
-        begin = int(np.ceil(self.before / self.dt - 1e-9))
-        times = self.dt * np.arange(-begin, int(AFTER / self.dt) + 1, dtype=np.float64)
-        low, high = np.array([0.0, -self.aside]), np.array([self.reach, self.aside])
+        begin = int(np.ceil(self.before / DT - 1e-9))
+        times = DT * np.arange(-begin, int(AFTER / DT) + 1, dtype=np.float64)
+        low, high = np.array([0.0, -ASIDE]), np.array([REACH, ASIDE])
         found = []
-        for k in range(self.walkers):
+        for k in range(WALKERS):
             place = draw_place(
                 lambda: rng.uniform(low, high),
-                lambda at: float(np.hypot(*at)) >= self.room,
+                lambda at: float(np.hypot(*at)) >= ROOM,
                 f"walker {k + 1}; take less room or a longer reach",
             )
-            way = self.motion.walk(rng, len(times), self.dt)
+            way = self.motion.walk(rng, len(times), DT)
             way += place - way[begin]
-            found.append(ReplayAgent(f"walker {k + 1}", times, way, self.walker_radius))
+            found.append(ReplayAgent(f"walker {k + 1}", times, way, WALKER_RADIUS))
         return tuple(found)

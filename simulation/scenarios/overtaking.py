@@ -10,13 +10,25 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..engine.agents import Bystander, ScriptedAgent
-from .base import Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Range, Scenario, checked_range, draw
 from .placing import corridor_walls
 
 PASSAGE = 0.05
 """m on either side of the robot that the wider way past the leader has at least."""
 BEYOND = 8.0
 """m of corridor before the robot's start and behind its goal."""
+LENGTH = 16.0
+"""m, of the robot's way."""
+GAP = (2.5, 4.0)
+"""m, range of the distance of the centres at time 0, along the corridor."""
+OFFSET = (-0.2, 0.2)
+"""m, range of o, the robot's."""
+LEADER_SPEED = (0.2, 0.4)
+"""m/s, range of the leader's speed."""
+LEADER_RADIUS = 0.3
+"""m, of the leader."""
+SPEED = 0.7
+"""m/s, of the robot at time 0, and its reference speed."""
 
 
 @final
@@ -34,15 +46,8 @@ class Overtaking(Scenario):
     Parameters
     ----------
     width : w, m.
-    length : m, of the robot's way.
-    gap : m, range of the distance of the centres at time 0, along the corridor.
     aside : m, range of y, the leader's distance from the middle.
-    offset : m, range of o, the robot's.
-    leader_speed : m/s, range.
-    leader_radius : m.
     robot_radius : m, of the robot that there is room for.
-    phase : range of the phase offset, as a share of the control period, in [0, 1).
-    speed : m/s, of the robot at time 0, and its reference speed.
 
     Raises
     ------
@@ -54,27 +59,16 @@ class Overtaking(Scenario):
     """
 
     width: float = 3.0
-    length: float = 16.0
-    gap: Range = (2.5, 4.0)
     aside: Range = (-0.2, 0.2)
-    offset: Range = (-0.2, 0.2)
-    leader_speed: Range = (0.2, 0.4)
-    leader_radius: float = 0.3
     robot_radius: float = 0.25
-    phase: Range = (0.0, 0.99)
-    speed: float = 0.7
 
     def __post_init__(self) -> None:
-        for name in ("width", "length", "leader_radius", "robot_radius", "speed"):
-            positive(f"overtaking.{name}", getattr(self, name))
-        checked_range("overtaking.leader_speed", self.leader_speed, 0.0, 0.99 * self.speed)
-        checked_range("overtaking.phase", self.phase, 0.0, 1.0 - 1e-9)
-        bodies = self.leader_radius + self.robot_radius
-        checked_range("overtaking.gap", self.gap, bodies + PASSAGE)
-        for name, radius in (("aside", self.leader_radius), ("offset", self.robot_radius)):
-            most = max(0.5 * self.width - radius, 0.0)
-            checked_range(f"overtaking.{name}", getattr(self, name), -most, most)
-        least = 2.0 * (self.robot_radius + self.leader_radius + PASSAGE + self.robot_radius)
+        positive("overtaking.width", self.width)
+        most = GAP[0] - LEADER_RADIUS - PASSAGE
+        positive("overtaking.robot_radius", self.robot_radius, most=most)
+        beside = max(0.5 * self.width - LEADER_RADIUS, 0.0)
+        checked_range("overtaking.aside", self.aside, -beside, beside)
+        least = 2.0 * (self.robot_radius + LEADER_RADIUS + PASSAGE + self.robot_radius)
         if self.width < least:
             raise WideberthError(
                 f"overtaking.width is {self.width:g} m; past a leader in the middle a robot of "
@@ -84,18 +78,18 @@ class Overtaking(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw offset and phase."""
-        offset = draw(rng, self.offset)
-        way = Path(np.array([[0.0, offset], [self.length, offset]]))
-        return (Placement("robot", way, self.speed, draw(rng, self.phase)),)
+        offset = draw(rng, OFFSET)
+        way = Path(np.array([[0.0, offset], [LENGTH, offset]]))
+        return (Placement("robot", way, SPEED, draw(rng, PHASE)),)
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[Bystander, ...]:
         """Draw gap, place and speed of the leader, who does not stop at the robot's goal."""
-        gap, aside, speed = (draw(rng, one) for one in (self.gap, self.aside, self.leader_speed))
-        way = Path(np.array([[gap, aside], [self.length + 100.0, aside]]))
-        return (ScriptedAgent("leader", way, speed, self.leader_radius),)
+        gap, aside, speed = (draw(rng, one) for one in (GAP, self.aside, LEADER_SPEED))
+        way = Path(np.array([[gap, aside], [LENGTH + 100.0, aside]]))
+        return (ScriptedAgent("leader", way, speed, LEADER_RADIUS),)
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
         """Both walls; the same for every seed."""
-        return corridor_walls(self.width, -BEYOND, self.length + BEYOND)
+        return corridor_walls(self.width, -BEYOND, LENGTH + BEYOND)

@@ -1,20 +1,107 @@
 """The corridor of mpc_planner: walls 7 m apart, and people both ways."""
 
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import ClassVar, Literal, TypeAlias, final
+from typing import Any, ClassVar, Literal, TypeAlias, cast, final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.controller import Controller
+from ...framework.values.arrays import Array, checked_choice, positive, whole
 from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Command, Observation
 from ...framework.values.path import Path
+from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
 from ..engine.agents import RobotAgent
-from .base import Placement, Range, Scenario, checked_range, draw
-from .crowd_mix import CrowdMix, mix_of
-from .placing import apart, checked_choice, corridor_walls, draw_place
-from .swaying import made_to_sway
+from .base import PHASE, Placement, Range, Scenario, draw
+from .crowd_mix import mix_of
+from .placing import apart, corridor_walls, draw_place
+
+HEAD_ROOM = 5.0
+"""Standard deviations by which a body that sways may be faster than without.
+
+The plant clips what is faster: of two axes, at most exp(-5^2 / 2), four draws in a million.
+"""
+
+
+@final
+@dataclass(eq=False)
+class Swaying(Controller):
+    """Another controller, with white noise on the velocity that it commands.
+
+    ::
+
+        v_k = v(controller)_k + n_k,    n_k ~ N(0, s^2 I),    s^2 T = process_noise^2 update
+
+    with T the controller's period: a position then spreads as that of a body which is moved by
+    noise of ``process_noise`` every ``update`` s, process_noise sqrt(update t) per axis after
+    t s. The noise hangs on the seed and the time alone.
+
+    Parameters
+    ----------
+    controller : decides.
+    process_noise : m/s per axis, standard deviation.
+    seed : of the noise.
+    update : s between two draws of the noise that is stood for.
+
+    Raises
+    ------
+    WideberthError : a number out of range.
+    """
+
+    controller: Controller
+    process_noise: float
+    seed: int
+    update: float = 0.05
+    period: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        positive("swaying.process_noise", self.process_noise, zero=True)
+        positive("swaying.update", self.update)
+        whole("swaying.seed", self.seed, least=0)
+        self.period = self.controller.period
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the noise on one command, s, per axis, m/s."""
+        return float(self.process_noise * np.sqrt(self.update / self.period))
+
+    def reset(self) -> None:
+        """Forget everything but the settings."""
+        self.controller.reset()
+
+    def set_path(self, path: Path) -> None:
+        """Follow this path from now on."""
+        self.controller.set_path(path)
+
+    def remember(self, observation: Observation) -> None:
+        """Pass the observation on."""
+        self.controller.remember(observation)
+
+    def command(self, observation: Observation) -> Command:
+        """Decide, and sway; without noise where the observation is useless."""
+        command = self.controller.command(observation)
+        if observation.flaw:
+            return command  # its stop
+        rng = np.random.default_rng((self.seed, abs(round(1e6 * observation.stamp))))
+        noise = self.deviation * rng.standard_normal(len(command.linear))
+        return replace(
+            command, linear=tuple(v + float(n) for v, n in zip(command.linear, noise, strict=True))
+        )
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of the controller, without the noise."""
+        return self.controller.plan
+
+
+def made_to_sway(person: RobotAgent, process_noise: float, seed: int) -> RobotAgent:
+    """Return a person with velocity noise and the top speed for it; see `Swaying`."""
+    made = Swaying(person.controller, process_noise, seed)
+    body = cast(Any, person.robot)
+    fastest = body.max_speed + HEAD_ROOM * made.deviation
+    return replace(person, robot=replace(body, max_speed=fastest), controller=made)
+
 
 Flow: TypeAlias = Literal["random", "both_ways", "16_random", "8_gaussian"]
 Way: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
@@ -80,6 +167,13 @@ FIXED = {
     ),
 }  # fmt: skip
 
+PEDESTRIAN_RADIUS = 0.4
+"""m, of a person."""
+LENGTH = 30.0
+"""m, of the robot's way from the origin."""
+SPEED = 2.0
+"""m/s, of the robot at time 0, and its reference speed."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -98,15 +192,7 @@ class PedestrianCorridor(Scenario):
     layout : "random", "16_random", "both_ways" or "8_gaussian".
     pedestrians : number of people, of the random layouts alone; by default 8 in ``random``
         (there 0, 4, 8 or 12) and 16 in ``16_random``.
-    pedestrian_speed : m/s, range, of the random layouts alone; by default [1.14, 1.66] and
-        [0.7, 1.3].
-    pedestrian_radius : m.
     robot_radius : m, of the robot that there is room for.
-    length : m, of the robot's way from the origin.
-    crowd : who the people are of the random layouts.
-    blind : who they are of the fixed ones.
-    phase : range of the phase offset, as a share of the control period, in [0, 1).
-    speed : m/s, of the robot at time 0, and its reference speed.
     respawn : whether who has arrived comes anew from the start, see `RobotAgent`.
     process_noise : m/s per axis: at each of 20 updates a second everybody is moved by the noise
         of this standard deviation as well, see `Swaying`. There 0, 0.3 ("Safe-Horizon") or 0.8
@@ -114,7 +200,7 @@ class PedestrianCorridor(Scenario):
 
     Raises
     ------
-    WideberthError : a number out of range; of a fixed layout, a number or speed of people, or
+    WideberthError : a number out of range; of a fixed layout, a number of people, or
         people who would touch another body at their starts; when drawing, too many people.
 
     Notes
@@ -140,14 +226,7 @@ class PedestrianCorridor(Scenario):
 
     layout: Flow = "random"
     pedestrians: int | None = None
-    pedestrian_speed: Range | None = None
-    pedestrian_radius: float = 0.4
     robot_radius: float = 0.325
-    length: float = 30.0
-    crowd: CrowdMix = field(default_factory=partial(mix_of, {"moussaid_force": {}}))
-    blind: CrowdMix = field(default_factory=partial(mix_of, {"constant_velocity": {}}))
-    phase: Range = (0.0, 0.99)
-    speed: float = 2.0
     respawn: bool = False
     process_noise: float = 0.0
 
@@ -155,36 +234,31 @@ class PedestrianCorridor(Scenario):
         checked_choice("pedestrian_corridor.layout", self.layout, Flow)
         if self.pedestrians is not None:
             whole("pedestrian_corridor.pedestrians", self.pedestrians, least=0)
-        for name in ("pedestrian_radius", "robot_radius", "length", "speed"):
-            positive(f"pedestrian_corridor.{name}", getattr(self, name))
+        positive("pedestrian_corridor.robot_radius", self.robot_radius)
         positive("pedestrian_corridor.process_noise", self.process_noise, zero=True)
-        if self.pedestrian_speed is not None:
-            checked_range("pedestrian_corridor.pedestrian_speed", self.pedestrian_speed, 1e-3)
-        checked_range("pedestrian_corridor.phase", self.phase, 0.0, 1.0 - 1e-9)
         if self.layout in FIXED:
             self._check_fixed(FIXED[self.layout])
 
     def _check_fixed(self, layout: ListedCrowd) -> None:
         """Refuse what the random layouts alone have, and people who would touch at the start."""
-        for name in ("pedestrians", "pedestrian_speed"):
-            if getattr(self, name) is not None:
-                raise WideberthError(
-                    f"pedestrian_corridor.{name} is {getattr(self, name)}, and {self.layout} "
-                    f"lists its people; leave it out, or take {' or '.join(CROWDS)}"
-                )
+        if self.pedestrians is not None:
+            raise WideberthError(
+                f"pedestrian_corridor.pedestrians is {self.pedestrians}, and {self.layout} "
+                f"lists its people; leave it out, or take {' or '.join(CROWDS)}"
+            )
         taken = [(np.zeros(2), self.robot_radius)]
         for k, (start, _) in enumerate(layout.ways, start=1):
-            if not apart(np.array(start), self.pedestrian_radius, taken, 0.0):
+            if not apart(np.array(start), PEDESTRIAN_RADIUS, taken, 0.0):
                 raise WideberthError(
                     f"pedestrian_corridor: person {k} of {self.layout} would touch another body "
-                    "at the start; take a smaller pedestrian_radius or robot_radius"
+                    "at the start; take a smaller robot_radius"
                 )
-            taken.append((np.array(start), self.pedestrian_radius))
+            taken.append((np.array(start), PEDESTRIAN_RADIUS))
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the phase; the way is the same for every seed."""
-        way = Path(np.array([[0.0, 0.0], [self.length, 0.0]]))
-        return (Placement("robot", way, self.speed, draw(rng, self.phase)),)
+        way = Path(np.array([[0.0, 0.0], [LENGTH, 0.0]]))
+        return (Placement("robot", way, SPEED, draw(rng, PHASE)),)
 
     def people(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
@@ -209,10 +283,9 @@ class PedestrianCorridor(Scenario):
         return corridor_walls(2.0 * HALF_WIDTH, *ENDS) if self.layout in WALLED else ()
 
     def _listed(self, rng: np.random.Generator, layout: ListedCrowd) -> list[RobotAgent]:
+        blind = mix_of({"constant_velocity": {}})
         return [
-            self.blind.person(
-                rng, f"person {k}", Path(np.array(way)), layout.speed, self.pedestrian_radius
-            )
+            blind.person(rng, f"person {k}", Path(np.array(way)), layout.speed, PEDESTRIAN_RADIUS)
             for k, way in enumerate(layout.ways, start=1)
         ]
 
@@ -220,14 +293,14 @@ class PedestrianCorridor(Scenario):
         self, rng: np.random.Generator, layout: DrawnCrowd, robot: Array
     ) -> list[RobotAgent]:
         count = layout.pedestrians if self.pedestrians is None else self.pedestrians
+        crowd = mix_of({"moussaid_force": {}})
         taken, found = [(robot, self.robot_radius)], []
         for k in range(1, count + 1):
             what = f"person {k} of {count}: take fewer, or smaller people"
             way = self._draw_way(rng, layout, taken, what)
-            taken.append((way[0], self.pedestrian_radius))
-            speed = draw(rng, self.pedestrian_speed or layout.speed)
-            radius = self.pedestrian_radius
-            found.append(self.crowd.person(rng, f"person {k}", Path(way), speed, radius))
+            taken.append((way[0], PEDESTRIAN_RADIUS))
+            speed = draw(rng, layout.speed)
+            found.append(crowd.person(rng, f"person {k}", Path(way), speed, PEDESTRIAN_RADIUS))
         return found
 
     def _draw_way(
@@ -245,7 +318,7 @@ class PedestrianCorridor(Scenario):
             return np.array([draw(rng, group.x), draw(rng, group.y)])
 
         def free(start: Array) -> bool:
-            return apart(start, self.pedestrian_radius, taken, 0.0)
+            return apart(start, PEDESTRIAN_RADIUS, taken, 0.0)
 
         start = draw_place(place, free, what)
         return np.stack([start, start + np.array([group.onward, 0.0])])

@@ -1,11 +1,9 @@
 """Drawing of places with room for a body."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, get_args
 
 import numpy as np
 
-from ...framework.plugins.registry import unknown
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon, separation
@@ -52,17 +50,6 @@ def wall_distance(place: Array, polygons: Sequence[Polygon]) -> float:
         for part in polygon.parts:
             nearest = min(nearest, float(separation(place[None], part)[0]))
     return nearest
-
-
-def checked_choice(name: str, value: str, choices: Any) -> None:
-    """Refuse a word that its ``Literal`` does not list.
-
-    Raises
-    ------
-    WideberthError : another word.
-    """
-    if value not in get_args(choices):
-        raise WideberthError(f"{name}: {unknown('choice', value, get_args(choices))}")
 
 
 def box(low: tuple[float, float], high: tuple[float, float], name: str) -> Polygon:

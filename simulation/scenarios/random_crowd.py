@@ -8,8 +8,8 @@ import numpy as np
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.path import Path
 from ..engine.agents import RobotAgent
-from .base import Placement, Range, Scenario, checked_range, draw
-from .crowd_mix import CrowdMix, mix_of
+from .base import PHASE, Placement, Scenario, draw
+from .crowd_mix import mix_of
 from .placing import apart, draw_place
 
 SPACE = 0.1
@@ -26,6 +26,16 @@ EQUAL_SHARES: dict[str, dict[str, float]] = {
 }
 """The benchmark's mixture; ``look_ahead`` has ORCA and the blind ones go from goal to goal, who
 would head straight for the last one."""
+MEAN_SPEED, SPEED_DEVIATION = 1.34, 0.26
+"""m/s, of the normal distribution of people's speeds."""
+PERSON_SPEED = (0.82, 1.86)
+"""m/s; a drawn speed beyond its ends is moved to the end."""
+PERSON_RADIUS = (0.2, 0.3)
+"""m, range of people's radii."""
+ASIDE = (-0.25, 0.25)
+"""Range of y1 and y2 as shares of a; each drawn."""
+SPEED = 0.7
+"""m/s, of the robot at time 0, and its reference speed."""
 
 
 @final
@@ -41,17 +51,7 @@ class RandomCrowd(Scenario):
     ----------
     persons : n; the benchmark's are 5, 10, 15, 20 and 30.
     density : people per m^2; the benchmark's are 0.05 to 0.3.
-    mean_speed, speed_deviation : m/s, of the normal distribution.
-    person_speed : m/s; a drawn speed beyond its ends is moved to the end.
-    person_radius : m, range.
     robot_radius : m, of the robot that there is room for.
-    aside : range of y1 and y2 as shares of a; each drawn.
-    crowd : who the people are; None for ORCA, social force and constant velocity in equal
-        shares, which needs the library of ORCA. Who has an infinite ``look_ahead`` heads straight
-        for the last goal: give ORCA and constant velocity a finite one.
-    phase : range of the phase offset, as a share of the control period, in [0, 1).
-    speed : m/s, of the robot at time 0, and its reference speed.
-    visible : whether the people make way for the robot.
 
     Raises
     ------
@@ -65,26 +65,12 @@ class RandomCrowd(Scenario):
 
     persons: int = 10
     density: float = 0.1
-    mean_speed: float = 1.34
-    speed_deviation: float = 0.26
-    person_speed: Range = (0.82, 1.86)
-    person_radius: Range = (0.2, 0.3)
     robot_radius: float = 0.3
-    aside: Range = (-0.25, 0.25)
-    crowd: CrowdMix | None = None
-    phase: Range = (0.0, 0.99)
-    speed: float = 0.7
-    visible: bool = True
 
     def __post_init__(self) -> None:
         whole("random_crowd.persons", self.persons, least=0)
-        for name in ("density", "mean_speed", "robot_radius", "speed"):
+        for name in ("density", "robot_radius"):
             positive(f"random_crowd.{name}", getattr(self, name))
-        positive("random_crowd.speed_deviation", self.speed_deviation, zero=True)
-        checked_range("random_crowd.person_speed", self.person_speed, 1e-3)
-        checked_range("random_crowd.person_radius", self.person_radius, 1e-3)
-        checked_range("random_crowd.aside", self.aside, -0.5, 0.5)
-        checked_range("random_crowd.phase", self.phase, 0.0, 1.0 - 1e-9)
 
     @property
     def side(self) -> float:
@@ -94,23 +80,21 @@ class RandomCrowd(Scenario):
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw start, goal and phase."""
         half = 0.5 * self.side
-        first, second = (self.side * draw(rng, self.aside) for _ in range(2))
+        first, second = (self.side * draw(rng, ASIDE) for _ in range(2))
         way = Path(np.array([[-half, first], [half, second]]))
-        phase = draw(rng, self.phase)
-        return (Placement("robot", way, self.speed, phase, self.visible),)
+        phase = draw(rng, PHASE)
+        return (Placement("robot", way, SPEED, phase),)
 
     def people(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[RobotAgent, ...]:
         """Draw the crowd, one after the other."""
-        crowd = mix_of(EQUAL_SHARES) if self.crowd is None else self.crowd
+        crowd = mix_of(EQUAL_SHARES)
         taken = [(placements[0].path.points[0], self.robot_radius + ROBOT_SPACE - SPACE)]
         found = []
         for k in range(self.persons):
-            radius = draw(rng, self.person_radius)
-            speed = float(
-                np.clip(rng.normal(self.mean_speed, self.speed_deviation), *self.person_speed)
-            )
+            radius = draw(rng, PERSON_RADIUS)
+            speed = float(np.clip(rng.normal(MEAN_SPEED, SPEED_DEVIATION), *PERSON_SPEED))
             start = self._free_place(rng, radius, taken, k)
             taken.append((start, radius))
             way = Path(np.stack([start, *self._goals(rng, start)]))

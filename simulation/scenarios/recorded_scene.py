@@ -65,7 +65,6 @@ class RecordedScene(Scenario):
     rows : instants of the recording, counted in rows from its first; () for the scene's.
     dt : s between rows.
     robot_radius : m, of the robot that there is room for.
-    person_radius : m; None for 1 / sqrt 2, in the plaza for 0.3.
     speed : m/s at time 0.
     reference_speed : m/s.
 
@@ -101,7 +100,6 @@ class RecordedScene(Scenario):
     rows: tuple[int, ...] = ()
     dt: float = 0.4
     robot_radius: float = 0.4
-    person_radius: float | None = None
     speed: float = 0.0
     reference_speed: float = 0.8
 
@@ -109,8 +107,6 @@ class RecordedScene(Scenario):
         for name in ("dt", "robot_radius", "reference_speed"):
             positive(f"recorded_scene.{name}", getattr(self, name))
         positive("recorded_scene.speed", self.speed, zero=True)
-        if self.person_radius is not None:
-            positive("recorded_scene.person_radius", self.person_radius)
         for row in self.rows:
             whole("recorded_scene.rows", row, least=0)
         missing = [name for name in ("start", "goal", "rows") if not getattr(self, name)]
@@ -159,9 +155,7 @@ class RecordedScene(Scenario):
                 f"recorded_scene.rows holds {last}, and {self.tracks} has rows 0 to "
                 f"{len(recording.times) - 1}; state earlier ones"
             )
-        radius = self.person_radius
-        if radius is None:
-            radius = _SYNTHETIC if self.tracks == PLAZA else _PUBLISHED
+        radius = _SYNTHETIC if self.tracks == PLAZA else _PUBLISHED
         clock = recording.times - recording.times[row]
         return tuple(
             ReplayAgent(f"recorded {ident}", clock, track, radius)

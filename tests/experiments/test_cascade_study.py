@@ -1,5 +1,6 @@
 """Robots that see for themselves as a study: cases, paired changes, and what is drawn."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -34,11 +35,20 @@ from wideberth.framework.plugins.io import read_table
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.scenarios import crossing
 from wideberth.simulation.scenarios.crossing import Crossing
 
 pytest.importorskip("mujoco", reason="the extra `physics` is not installed")
 
-NEAR = Crossing(distance=(12.0, 12.0))
+NEAR = Crossing()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def near() -> Iterator[None]:
+    """The robots begin as near to each other as they may."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(crossing, "DISTANCE", (12.0, 12.0))
+        yield
 
 
 def shipped(name: str) -> CascadeStudy:

@@ -20,6 +20,7 @@ from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.io import write_table
 from wideberth.framework.values.errors import WideberthError
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.simulation.scenarios import model_crowd
 from wideberth.simulation.scenarios.model_crowd import (
     Autoregression,
     ModelCrowd,
@@ -62,31 +63,35 @@ def test_autoregression_is_stationary_with_its_covariances():
     near((velocity[:, 3] * velocity[:, 4]).mean(), share * variance)
 
 
-def test_places_are_uniform_and_say_nothing_of_the_motion():
-    crowd = ModelCrowd(walkers=4, room=0.0)
+def test_places_are_uniform_and_say_nothing_of_the_motion(monkeypatch):
+    monkeypatch.setattr(model_crowd, "WALKERS", 4)
+    monkeypatch.setattr(model_crowd, "ROOM", 0.0)
+    crowd = ModelCrowd()
     agents = [crowd.cast(seed).bystanders for seed in range(400)]
     starts = np.array([[one.at(np.zeros(1))[0] for one in some] for some in agents]).reshape(-1, 2)
     moves = np.array([[one.at(np.array([1.0]))[0] for one in some] for some in agents])
     moves = moves.reshape(-1, 2) - starts
-    assert starts[:, 0].min() >= 0.0 and starts[:, 0].max() <= crowd.reach
-    assert np.abs(starts[:, 1]).max() <= crowd.aside
+    assert starts[:, 0].min() >= 0.0 and starts[:, 0].max() <= model_crowd.REACH
+    assert np.abs(starts[:, 1]).max() <= model_crowd.ASIDE
     share = 1 / np.sqrt(len(starts))
-    assert abs(starts[:, 0].mean() / crowd.reach - 0.5) < 4 * share * np.sqrt(1 / 12)
+    assert abs(starts[:, 0].mean() / model_crowd.REACH - 0.5) < 4 * share * np.sqrt(1 / 12)
     correlation = np.corrcoef(np.concatenate([starts, moves], axis=1).T)[:2, 2:]
     assert np.abs(correlation).max() < 4 * share
-    far = ModelCrowd(room=1.5)
+    monkeypatch.setattr(model_crowd, "ROOM", 1.5)
+    far = ModelCrowd()
     assert all(np.hypot(*one.at(np.zeros(1))[0]) >= 1.5 for one in far.cast(1).bystanders)
 
 
-def test_bad_crowds_are_refused():
+def test_bad_crowds_are_refused(monkeypatch):
     with pytest.raises(WideberthError, match="unit circle"):
         Autoregression((1.0, 0.1))
     with pytest.raises(WideberthError, match="unit circle"):
         Autoregression(())
     with pytest.raises(WideberthError, match="innovation"):
         Autoregression(innovation=0.0)
+    monkeypatch.setattr(model_crowd, "ROOM", 50.0)
     with pytest.raises(WideberthError, match="no room"):
-        ModelCrowd(room=50.0).cast(0)
+        ModelCrowd().cast(0)
 
 
 def shipped(*overrides: str) -> ClosedLoopRisk:

@@ -206,8 +206,8 @@ def test_what_makes_no_comparison_is_refused(gate: Comparison) -> None:
         replace(gate, seeds=0)
     own = next(iter(gate.robots.values()))
     assert replace(gate, scenarios={"door": Doorway(robot_radius=own.radius)}).tasks()
-    with pytest.raises(WideberthError, match=r"door has room for .* 0.2 m.*robot_radius"):
-        replace(gate, scenarios={"door": Doorway(robot_radius=0.2, walker_radius=0.2)})
+    with pytest.raises(WideberthError, match=r"door has room for .* 0.26 m.*robot_radius"):
+        replace(gate, scenarios={"door": Doorway(robot_radius=0.26)})
 
 
 def test_where_nobody_arrived_the_figures_say_so(gate: Comparison) -> None:

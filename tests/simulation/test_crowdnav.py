@@ -8,7 +8,7 @@ import pytest
 
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.scenarios.crowdnav import CrowdNav
@@ -210,18 +210,6 @@ def test_bad_settings_and_no_room():
         CrowdNav(layout="star")
     with pytest.raises(WideberthError, match="phase"):
         CrowdNav(phase="train")
-    with pytest.raises(WideberthError, match="robot"):
-        CrowdNav(human=SimpleNamespace())
-
-
-def test_others_than_orca_can_be_the_people():
-    human = {"type": "constant_velocity", "robot": BODY}
-    config = {"type": "crowdnav", "layout": "square", "human": human}
-    scenario = build("scenarios", config)
-    cast = scenario.cast(3)
-    assert {type(one.controller).__name__ for one in cast.people} == {"ConstantVelocityController"}
-    assert len({id(one.controller) for one in cast.people}) == 5
-    assert describe(scenario)["human"]["robot"]["radius"] == 0.3
 
 
 @pytest.mark.slow

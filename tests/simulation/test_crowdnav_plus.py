@@ -14,15 +14,12 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.simulation.crowds import crowdnav_plus as rules
-from wideberth.simulation.crowds.crowdnav_plus import (
-    CrowdNavPlusCrowd,
-    CrowdNavPlusOrca,
-    SocialForceRobot,
-)
+from wideberth.simulation.crowds.crowdnav_plus import CrowdNavPlusCrowd
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.scenarios.crowdnav_plus import CrowdNavPlus
 from wideberth.simulation.sensing.channel import Channel
+from wideberth.tests.oracles.crowd_robots import CrowdNavPlusOrca, SocialForceRobot, plus_row
 
 pytest.importorskip("pyrvo")
 QUIET = Settings(
@@ -88,7 +85,7 @@ def reference(key: str, seed: int, evaluations: range) -> list[dict[str, Any]]:
     """Rows of the robot and variant of a key such as ``sf_plain``."""
     robot, variant = key.split("_")
     scenario = build("scenarios", {"type": "crowdnav_plus", "variant": variant, "seed": seed})
-    return [scenario.reference_row(k, ROBOTS[robot]) for k in evaluations]
+    return [plus_row(scenario, k, ROBOTS[robot]) for k in evaluations]
 
 
 def check_rows(folder: Path, key: str, evaluations: range) -> list[dict[str, Any]]:
@@ -157,7 +154,7 @@ def test_rows_that_no_log_has(
     """Known from an independent replica: a robot that knows the radii, and ORCA in "plain"."""
     scenario = CrowdNavPlus(variant=variant, cases=cases)
     count = 250 if cases == "evaluated" else 500
-    rows = [scenario.reference_row(k, robot) for k in range(count)]
+    rows = [plus_row(scenario, k, robot) for k in range(count)]
     outcomes = [row["outcome"] for row in rows]
     shares = [outcomes.count(name) / count for name in ("success", "collision", "timeout")]
     times = [row["time_s"] for row in rows if row["outcome"] == "success"]
@@ -274,8 +271,6 @@ def test_bad_input_gives_one_clear_error() -> None:
     ):
         with pytest.raises(WideberthError, match=words):
             build("scenarios", {"type": "crowdnav_plus", **config})
-    with pytest.raises(WideberthError, match="orca_informed"):
-        CrowdNavPlus().reference_row(0, "rvo")
     robot = build("robots", {"type": "holonomic_velocity", "radius": 0.3})
     controller = build("controllers", {"type": "orca", "robot": robot})
     with pytest.raises(WideberthError, match=r"channel\.delay"):

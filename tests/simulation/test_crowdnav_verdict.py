@@ -12,8 +12,8 @@ from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
-from wideberth.simulation.measures.crowdnav_verdict import verdict
 from wideberth.simulation.measures.summary import clearances
+from wideberth.simulation.scenarios.crowdnav import verdict
 from wideberth.simulation.sensing.channel import Channel
 
 BODY = HolonomicVelocity(radius=0.3, max_speed=1.0)

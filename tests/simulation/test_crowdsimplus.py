@@ -16,7 +16,6 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.simulation.crowds.crowdsimplus import (
     CrowdSimPlusCrowd,
-    CrowdSimPlusOrca,
     Kind,
     hall_of,
 )
@@ -25,6 +24,7 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.scenarios.crowdsimplus import CrowdSimPlus
 from wideberth.simulation.sensing.channel import Channel
+from wideberth.tests.oracles.crowd_robots import CrowdSimPlusOrca, simple_row
 
 pytest.importorskip("pyrvo")
 QUIET = Settings(time_limit=16.0, plant_step=0.25, history=0.0, channel=Channel(noise=0.0))
@@ -73,7 +73,7 @@ def test_every_row_of_the_reference(dense_folder: Path) -> None:
     for key, expected in reference["rows"].items():
         layout, kind = key.split()
         scenario = CrowdSimPlus(layout=layout, people_kind=kind)
-        rows = [scenario.reference_row(case) for case in range(len(expected))]
+        rows = [simple_row(scenario, case) for case in range(len(expected))]
         assert [[int(row[name]) if name != "nav_time_s" else row[name] for name in columns]
                 for row in rows] == expected  # fmt: skip
         times = [row["nav_time_s"] for row in rows if row["success"]]
@@ -145,7 +145,7 @@ def test_an_episode_is_the_case(layout: Layout, kind: Kind, case: int) -> None:
         crowd.step(reached, stopped=bool(reached[0] != wanted[0]))
     body = build("robots", {"type": "holonomic_velocity", "radius": 0.25, "max_speed": 1.1})
     episode = driven(scenario, case, body, commands, QUIET)
-    assert scenario.judge(episode) == crowd.verdict_row() == scenario.reference_row(case)
+    assert scenario.judge(episode) == crowd.verdict_row() == simple_row(scenario, case)
     assert episode.ended == ("goals" if crowd.verdict.outcome == "success" else "time limit")
     np.testing.assert_allclose(episode.robots[0].positions[-1], crowd.robot, atol=1e-9)
     for slot, place in enumerate(crowd.positions, start=1):

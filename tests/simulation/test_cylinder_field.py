@@ -94,5 +94,3 @@ def test_a_robot_that_is_too_large_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("wideberth.simulation.scenarios.cylinder_field._DRAWS", 5)
     with pytest.raises(WideberthError, match=r"in 5 draws no field .* radius 1\.5 m"):
         CylinderField(routes=NavFn(), robot_radius=1.5).cast(0)
-    with pytest.raises(WideberthError, match=r"cylinder_field\.resolution"):
-        CylinderField(resolution=0.0)

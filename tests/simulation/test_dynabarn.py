@@ -21,7 +21,6 @@ from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.scenarios.dynabarn import (
     WORLDS,
     DynaBarn,
-    Motion,
     keys_of,
     obstacles_of,
     place_at,
@@ -108,9 +107,6 @@ def test_the_motion_is_a_uniform_catmull_rom_spline() -> None:
         within = np.fmod(times, keys[-1, 0])
         number = np.interp(within, keys[:, 0], np.arange(len(keys)))
         np.testing.assert_allclose(place_at(keys, times), hermite(keys)(number), atol=1e-9)
-        straight = [np.interp(within, keys[:, 0], column) for column in keys[:, 1:].T]
-        found = place_at(keys, times, "polyline")
-        np.testing.assert_allclose(found, np.transpose(straight), atol=1e-9)
 
 
 def test_obstacles_dart() -> None:
@@ -136,9 +132,8 @@ def test_obstacles_dart() -> None:
     assert round(max(fastest)) == 77 and closed == 31
 
 
-@pytest.mark.parametrize("motion", ["spline", "polyline"])
-def test_every_lap_is_somebody_else(motion: Motion) -> None:
-    scenario = DynaBarn(motion=motion)
+def test_every_lap_is_somebody_else() -> None:
+    scenario = DynaBarn()
     cast, tau = scenario.cast(450), scenario.phase(450)
     names = obstacles_of(45)
     assert {one.name.partition(" (")[0] for one in cast.bystanders} == {
@@ -153,9 +148,7 @@ def test_every_lap_is_somebody_else(motion: Motion) -> None:
         places = np.stack([one.at(times) for one in laps])
         there = np.isfinite(places[..., 0])
         assert (there.sum(axis=0) == 1).all()
-        away = np.linalg.norm(
-            np.nansum(places, axis=0) - place_at(keys, times + tau, motion), axis=1
-        )
+        away = np.linalg.norm(np.nansum(places, axis=0) - place_at(keys, times + tau), axis=1)
         assert np.median(away) < 1e-3 and away.max() < 0.6  # chords of 0.02 s
         lap = np.argmax(there, axis=0)
         np.testing.assert_array_equal(lap, (times + tau) // keys[-1, 0] - (tau - 5) // keys[-1, 0])
@@ -248,7 +241,6 @@ def test_the_licence_is_shipped_with_the_data() -> None:
 def test_bad_input_gives_one_clear_error() -> None:
     for config, words in (
         ({"tier": "harder"}, "tier"),
-        ({"motion": "line"}, "motion"),
         ({"world": 3}, "world"),
     ):
         with pytest.raises(WideberthError, match=words):

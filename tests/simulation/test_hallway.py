@@ -9,6 +9,7 @@ import pytest
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
+from wideberth.simulation.scenarios import hallway
 from wideberth.simulation.scenarios.hallway import Hallway
 from wideberth.simulation.scenarios.placing import wall_distance
 
@@ -17,7 +18,9 @@ LAYOUTS = ["open", "static", "static_with_back", "bottleneck", "squeeze"]
 
 def ways(layout: str, case: int) -> list[np.ndarray]:
     """Start, places in between, and goal of each person, before anybody walks."""
-    people = Hallway(layout=layout, head_start=0.0).cast(case).people
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hallway, "HEAD_START", 0.0)
+        people = Hallway(layout=layout).cast(case).people
     return [person.path.points for person in people]
 
 
@@ -126,10 +129,8 @@ def test_people_head_for_the_door_first() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Hallway(layout="bottleneck", door=0.5), "does not fit through it"),
-        (lambda: Hallway(layout="squeeze", width=1.1), "does not fit through it"),
-        (lambda: Hallway(width=0.5), "hallway.width"),
-        (lambda: Hallway(persons=31), "there is room for 30 at most of radius 0.3 m"),
+        (lambda: Hallway(layout="bottleneck", robot_radius=0.5), "does not fit through it"),
+        (lambda: Hallway(layout="squeeze", robot_radius=0.5), "does not fit through it"),
         (lambda: build("scenarios", {"type": "hallway", "layout": "funnel"}), "layout"),
     ],
 )

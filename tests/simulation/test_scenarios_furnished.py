@@ -10,11 +10,18 @@ from wideberth.framework import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.polygon import Polygon
 from wideberth.simulation.engine.agents import ScriptedAgent
+from wideberth.simulation.scenarios import chicken_game
 from wideberth.simulation.scenarios.chicken_game import ChickenGame
 from wideberth.simulation.scenarios.furnished import SLOPE, Furnished, Walker
 
 SHELF = Polygon(((-3.0, -0.6), (3.0, -0.6), (3.0, 0.6), (-3.0, 0.6)), "shelf")
-GAME = ChickenGame(distance=(14.0, 14.0), lag=(0.0, 0.0))
+GAME = ChickenGame(distance=(14.0, 14.0))
+
+
+@pytest.fixture(autouse=True)
+def together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both robots come to the middle at the same time."""
+    monkeypatch.setattr(chicken_game, "LAG", (0.0, 0.0))
 
 
 def furnished(**settings: object) -> Furnished:

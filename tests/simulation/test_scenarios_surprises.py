@@ -10,6 +10,7 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.metrics.episode import approach
 from wideberth.simulation.engine.agents import ReplayAgent
+from wideberth.simulation.scenarios import sudden_change
 from wideberth.simulation.scenarios.recorded_scene import FILES, SCENES, RecordedScene
 from wideberth.simulation.scenarios.sudden_change import SuddenChange
 
@@ -42,17 +43,16 @@ def test_the_walker_changes_in_the_robots_way(change, seed) -> None:
         assert 0.8 - 1e-6 <= angle <= 2.2 + 1e-6
 
 
-def test_either_change_is_drawn() -> None:
+def test_either_change_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     stops = 0
     for seed in range(40):
         (walker,) = SuddenChange().cast(seed).bystanders
         assert isinstance(walker, ReplayAgent)
         stops += np.array_equal(walker.positions[1], walker.positions[2])
     assert 8 <= stops <= 32
-    with pytest.raises(WideberthError, match="notice"):
-        SuddenChange(notice=(2.0, 100.0))
+    monkeypatch.setattr(sudden_change, "SPACE", 30.0)
     with pytest.raises(WideberthError, match="no room for the walker"):
-        SuddenChange(space=30.0).cast(0)
+        SuddenChange().cast(0)
 
 
 ROWS = [
@@ -144,7 +144,6 @@ def test_with_nothing_stated_the_robot_crosses_the_plaza() -> None:
             lambda file: RecordedScene(file, "eth", rows=(0, 2, 7, 1)).cast(0),
             r"rows holds 7, and .* has rows 0 to 2; state earlier ones",
         ),
-        (lambda file: RecordedScene(file, scene="eth", person_radius=0.0), "person_radius"),
         (
             lambda file: RecordedScene(str(File(file).parent), scene="univ").cast(0),
             r"holds no 'students003.txt', .* name the file itself",

@@ -51,7 +51,7 @@ def test_saved_episode_reads_back_whole():
     assert plan.ids == other.ids and plan.iterations == other.iterations == 7
     assert np.array_equal(plan.forecast.covariance, other.forecast.covariance)
     assert again.agent("b").plans == () and len(again.agent("b").commands) > 5
-    assert again.times_rows() == []
+    assert again.plan_seconds == {}
     assert repr(summarise(again)) == repr(summarise(episode))
 
 

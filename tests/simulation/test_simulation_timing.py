@@ -42,6 +42,5 @@ def test_measured_solve_time_is_what_it_took():
     log = episode.agent("a").commands
     assert log.effect - log.stamp == pytest.approx(episode.plan_seconds["a"])
     assert (episode.plan_seconds["a"] >= 0.02).all()
-    assert [row["seconds"] for row in episode.times_rows()] == list(episode.plan_seconds["a"])
     assert time_rows(episode)[0]["max"] == max(episode.plan_seconds["a"])
     assert all(plan.seconds == 0.0 for plan in episode.agent("a").plans)

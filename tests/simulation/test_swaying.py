@@ -17,9 +17,16 @@ from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import check_cast, run_episode
 from wideberth.simulation.engine.settings import Settings
-from wideberth.simulation.scenarios.pedestrian_corridor import FIXED, PedestrianCorridor
+from wideberth.simulation.scenarios import pedestrian_corridor
+from wideberth.simulation.scenarios.pedestrian_corridor import (
+    CROWDS,
+    FIXED,
+    HEAD_ROOM,
+    PedestrianCorridor,
+    Swaying,
+    made_to_sway,
+)
 from wideberth.simulation.scenarios.placing import corridor_walls
-from wideberth.simulation.scenarios.swaying import HEAD_ROOM, Swaying, made_to_sway
 from wideberth.simulation.sensing.channel import Channel
 
 BODY = HolonomicVelocity(radius=0.4, max_speed=0.7)
@@ -88,10 +95,11 @@ def test_it_changes_nothing_else_of_a_cast():
 
 
 @pytest.mark.parametrize("layout", ["random", "16_random", *FIXED])
-def test_people_come_anew_in_every_layout(layout):
+def test_people_come_anew_in_every_layout(layout, monkeypatch):
     """The number of people stays, and someone comes anew."""
-    hurry: Any = {} if layout in FIXED else {"pedestrian_speed": (4.0, 5.0)}
-    scene = PedestrianCorridor(layout=layout, respawn=True, process_noise=0.3, **hurry)
+    hurried = {name: replace(crowd, speed=(4.0, 5.0)) for name, crowd in CROWDS.items()}
+    monkeypatch.setattr(pedestrian_corridor, "CROWDS", hurried)
+    scene = PedestrianCorridor(layout=layout, respawn=True, process_noise=0.3)
     cast = scene.cast(1)
     assert all(one.respawn for one in cast.people)
     way = Path(np.array([[-30.0, -50.0], [-30.0, 50.0]]))

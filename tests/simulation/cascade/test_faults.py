@@ -23,7 +23,7 @@ from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.cascade.cascade import SensingPipeline
 from wideberth.simulation.cascade.faults import Faults
-from wideberth.simulation.cascade.watchdog import Watchdog
+from wideberth.simulation.cascade.senses import Watchdog
 from wideberth.simulation.cascade.world import WheeledWorld
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import Run
@@ -200,7 +200,7 @@ def test_wheels_cannot_slip_where_there_are_none() -> None:
 
 
 def test_a_watchdog_minds_what_is_of_no_use() -> None:
-    dog = Watchdog(("lidar", "encoders"), 0.5, 0.0)
+    dog = Watchdog(("lidar", "encoders"), 0.0)
     empty = Scan("lidar", np.zeros(0), np.zeros(0), np.zeros(0))
     far = Scan("lidar", np.zeros(1), np.zeros(1), np.array([np.inf]))
     assert dog.jumped(0.4, 0.4) == 0.0

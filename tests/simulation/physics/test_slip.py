@@ -13,12 +13,10 @@ from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.sensing import WheelSample
 from wideberth.simulation.physics.body import LARGE, SkidSteerBody
 from wideberth.simulation.physics.calibration import fitted, measured, suggested_yaw_gain
-from wideberth.simulation.physics.drive import WheelDrive
-from wideberth.simulation.physics.kinematic import SlippingWorld
 from wideberth.simulation.physics.scene import PhysicalRobot, PhysicalScene
 from wideberth.simulation.physics.sensors import InertialUnit, WheelEncoders
 from wideberth.simulation.physics.slip import SlipModel, slip_of
-from wideberth.simulation.physics.world import PhysicsWorld
+from wideberth.simulation.physics.world import PhysicsWorld, SlippingWorld, WheelDrive
 
 SMALL = SkidSteerBody()
 NONE = SlipModel(0.44, np.array([0.1]), np.array([1.0]), np.array([0.0]), lag=1e-9)
