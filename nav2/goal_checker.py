@@ -50,7 +50,7 @@ class GoalChecker:
         self._latched = False
 
     def xy_reached(self, pose: Array, goal: Array, plan: Array) -> bool:
-        """Tell whether the place of the goal is reached, and remember it.
+        """Return whether the place of the goal is reached, and remember it.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class GoalChecker:
         return True
 
     def reached(self, pose: Array, goal: Array, plan: Array) -> bool:
-        """Tell whether the goal is reached; arguments as in `xy_reached`."""
+        """Return whether the goal is reached; arguments as in `xy_reached`."""
         if not self.xy_reached(pose, goal, plan):
             return False
         off = abs(shortest_angle(float(goal[2]), float(pose[2])))

@@ -101,7 +101,7 @@ class PathHandler:
         return nearest - 1 if len(self._left) > 1 and nearest == len(self._left) - 1 else nearest
 
     def _arrived(self, pose: Array) -> bool:
-        """Tell whether the robot stands where it had to get to."""
+        """Return whether the robot stands where it had to get to."""
         last = self._left[-1]
         return (
             distance(pose, last) <= self.inversion_xy_tolerance

@@ -1,4 +1,4 @@
-"""Recordings of ROS 2 (rosbag2, as MCAP or SQLite): topics, clocks, frames, and what was said."""
+"""Recordings of ROS 2 (rosbag2, as MCAP or SQLite): topics, clocks, frames, and contents."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -55,7 +55,7 @@ class Topic:
 
 
 class Timed(NamedTuple):
-    """What a message said, when, and which publisher of its topic sent it (0 is the first)."""
+    """A decoded message, its time, and which publisher of its topic sent it (0 is the first)."""
 
     time: float
     decoded: DecodedMessage
@@ -83,7 +83,7 @@ class Bag:
     path : of the recording.
     epoch : ns, the time that is 0 here.
     topics : all topics by name, the unreadable ones too.
-    timed : name -> what its messages said, sorted by time.
+    timed : name -> its decoded messages, sorted by time.
     frames : all motions between frames.
     notes : what was noticed, a sentence each.
     """
@@ -102,7 +102,7 @@ class Bag:
         return tuple(sorted(found, key=lambda name: (-len(self.timed[name]), name)))
 
     def rows(self, topic: str) -> tuple[Timed, ...]:
-        """Return what a topic said.
+        """Return the decoded messages of a topic.
 
         Raises
         ------
@@ -120,10 +120,10 @@ class Bag:
         It is map, odom or world, the first that is connected with most of their messages; else
         the top of their tree.
         """
-        said = Counter(row.decoded.frame for topic in topics for row in self.rows(topic))
-        if not said:
+        frames = Counter(row.decoded.frame for topic in topics for row in self.rows(topic))
+        if not frames:
             return ""
-        top = self.frames.root(said.most_common(1)[0][0])
+        top = self.frames.root(frames.most_common(1)[0][0])
         return next((one for one in FIXED if self.frames.root(one) == top), top)
 
     def scans(self, topic: str, base: str) -> tuple[Scan, ...]:
@@ -156,9 +156,9 @@ class Bag:
         rows = [
             row for row in self.rows(topic) if isinstance(row.decoded.content, OdometryMessage)
         ]
-        said = [row.decoded.content for row in rows]
-        poses = [one.pose for one in said if isinstance(one, OdometryMessage)]
-        twists = [one.twist for one in said if isinstance(one, OdometryMessage)]
+        contents = [row.decoded.content for row in rows]
+        poses = [one.pose for one in contents if isinstance(one, OdometryMessage)]
+        twists = [one.twist for one in contents if isinstance(one, OdometryMessage)]
         times = np.array([row.time for row in rows])
         return times, np.reshape(poses, (-1, 3)), np.reshape(twists, (-1, 3))
 
@@ -202,8 +202,8 @@ class Bag:
 
     def maps(self, topic: str) -> tuple[OccupancyGrid, ...]:
         """Return the maps of a topic, each in its own frame."""
-        said = [decoded.content for _, decoded, _ in self.rows(topic)]
-        return tuple(one for one in said if isinstance(one, OccupancyGrid))
+        contents = [decoded.content for _, decoded, _ in self.rows(topic)]
+        return tuple(one for one in contents if isinstance(one, OccupancyGrid))
 
 
 def _forecast(mixtures: list[Mixture], pose: Array, dt: float) -> Forecast:
@@ -239,8 +239,8 @@ def read_bag(path: str | Path) -> Bag:
     """
     file = Path(path)
     raw = read_raw(file, READ)
-    said, flaws = _said(raw)
-    epoch = _epoch(said)
+    messages_of, flaws = _decoded_topics(raw)
+    epoch = _epoch(messages_of)
     topics: dict[str, Topic] = {}
     for i, one in enumerate(raw.topics):
         known = topics.get(one.name)
@@ -251,7 +251,7 @@ def read_bag(path: str | Path) -> Bag:
             one.size + (known.count if known else 0),
             one.publishers + (known.publishers if known else 0),
         )
-    timed, notes = _timed(raw, said, epoch)
+    timed, notes = _timed(raw, messages_of, epoch)
     for i, counted in flaws.items():
         reason, total = counted.most_common(1)[0][0], counted.total()
         notes.append(f"{raw.topics[i].name}: {total} messages left out: {reason}")
@@ -265,14 +265,14 @@ def read_bag(path: str | Path) -> Bag:
     return Bag(file, epoch, topics, timed, frames, (*raw.notes, *notes))
 
 
-_Said = dict[int, list[tuple[int, DecodedMessage]]]
-"""Number of a raw topic -> when each of its messages was received, ns, and what it said."""
+_Topics = dict[int, list[tuple[int, DecodedMessage]]]
+"""Number of a raw topic -> when each of its messages was received, ns, and its content."""
 
 
-def _said(raw: RawBag) -> tuple[_Said, dict[int, Counter[str]]]:
-    """Read all messages; return what they say, and why others could not be read."""
+def _decoded_topics(raw: RawBag) -> tuple[_Topics, dict[int, Counter[str]]]:
+    """Decode all messages; return them, and why others could not be read."""
     types: dict[tuple[str, str], Messages | str] = {}
-    said: _Said = {}
+    topics: _Topics = {}
     flaws: dict[int, Counter[str]] = {}
     for one in raw.messages:
         kind = raw.topics[one.source].kind
@@ -284,10 +284,10 @@ def _said(raw: RawBag) -> tuple[_Said, dict[int, Counter[str]]]:
             if isinstance(known, str):
                 raise WideberthError(known)
             decoded = decode_message(kind, known.read(kind, one.data))
-            said.setdefault(one.source, []).append((one.received, decoded))
+            topics.setdefault(one.source, []).append((one.received, decoded))
         except WideberthError as error:
             flaws.setdefault(one.source, Counter())[str(error)] += 1
-    return said, flaws
+    return topics, flaws
 
 
 def _types(kind: str, definition: str) -> Messages | str:
@@ -298,21 +298,23 @@ def _types(kind: str, definition: str) -> Messages | str:
         return str(error)
 
 
-def _epoch(said: _Said) -> int:
+def _epoch(topics: _Topics) -> int:
     """Return the earliest stamp of what moves, ns; else the earliest receipt."""
     lasting = (Transforms, OccupancyGrid, Clock, PathMessage, Goal)
-    rows = [row for rows in said.values() for row in rows]
+    rows = [row for rows in topics.values() for row in rows]
     moving = [one.stamp for _, one in rows if one.stamp and not isinstance(one.content, lasting)]
     return min(moving or [received for received, _ in rows], default=0)
 
 
-def _timed(raw: RawBag, said: _Said, epoch: int) -> tuple[dict[str, tuple[Timed, ...]], list[str]]:
-    """Put what was said on one clock; say what was noticed."""
-    first = min((rows[0][0] for rows in said.values()), default=0)
-    clocks = [row for rows in said.values() for row in rows if isinstance(row[1].content, Clock)]
+def _timed(
+    raw: RawBag, topics: _Topics, epoch: int
+) -> tuple[dict[str, tuple[Timed, ...]], list[str]]:
+    """Put all messages on one clock; return what was noticed, too."""
+    first = min((rows[0][0] for rows in topics.values()), default=0)
+    clocks = [row for rows in topics.values() for row in rows if isinstance(row[1].content, Clock)]
     found: dict[str, list[Timed]] = {}
     notes = []
-    for source, rows in said.items():
+    for source, rows in topics.items():
         name = raw.topics[source].name
         received = NANO * np.array([at - first for at, _ in rows], dtype=np.float64)
         stamped = np.array(

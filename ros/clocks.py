@@ -79,9 +79,9 @@ def gaps(times: Array) -> tuple[str, ...]:
     if usual > GAP / 2:
         return ()
     found = np.flatnonzero(step > max(GAP, 5.0 * usual))
-    said = [
+    words = [
         f"nothing from {order[i] - order[0]:.3g} s to {order[i + 1] - order[0]:.3g} s"
         for i in found[:MOST_NOTES]
     ]
     more = len(found) - MOST_NOTES
-    return (*said, f"{more} more gaps") if more > 0 else tuple(said)
+    return (*words, f"{more} more gaps") if more > 0 else tuple(words)

@@ -70,7 +70,7 @@ class Following:
 
 @final
 class Follower:
-    """Follows one path with a node; `step` says when that has ended.
+    """Follows one path with a node; `step` returns how that has ended.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ class _Taker:
 
 @final
 class FollowPathServer:
-    """Nav2's action FollowPath: takes a path, drives it, says how it ended.
+    """Nav2's action FollowPath: takes a path, drives it, returns how that ended.
 
     A new goal takes the place of the one before, as in Nav2. A goal that is cancelled lets the
     robot brake. Messages on ``/speed_limit`` slow it. Results carry Nav2's codes where the
@@ -202,7 +202,7 @@ class FollowPathServer:
         return self._result(end)
 
     def _feed_back(self, handle: Any, follower: Follower) -> None:
-        """Say how far it is; from Lyrical on that stands in a message within the feedback."""
+        """Publish the distance left; from Lyrical on it is in a message within the feedback."""
         feedback = self._kind.Feedback()
         inner = [getattr(feedback, name) for name in feedback.get_fields_and_field_types()]
         for target in (feedback, *inner):

@@ -92,13 +92,13 @@ class ZenohLink:
         self._open: list[Any] = []
 
     def _token(self, what: str, rest: str) -> Any:
-        """Tell the graph of ROS 2 of a node, publisher or subscriber."""
+        """Announce to the graph of ROS 2 a node, publisher or subscriber."""
         number, self._count = self._count, self._count + 1
         head = f"@ros2_lv/{self._domain}/{self._session.zid()}/0/{number}/{what}/%/%/{NODE}"
         return self._session.liveliness().declare_token(head + rest)
 
     def _enter(self, what: str, topic: str, kind: str, quality: str) -> str:
-        """Check a topic, tell of it, and return its key."""
+        """Check a topic, announce it, and return its key."""
         if not topic.startswith("/"):
             raise WideberthError(f"topic is {topic!r}; wanted one with its slash, as in '/odom'")
         hashed = self.known.type_hash(kind)

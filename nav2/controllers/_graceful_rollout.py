@@ -70,7 +70,7 @@ def placed(ground: Ground, pose: tuple[Number, Number, Number]) -> tuple[Number,
 
 
 def hits(ground: Ground, pose: Pose, scale: float) -> bool:
-    """Tell whether the robot at a pose of its own frame hits something; not off the map.
+    """Return whether the robot at a pose of its own frame hits something; not off the map.
 
     A round robot is judged by the cost at its centre, another by its outline times ``scale``; a
     triangle does not grow.

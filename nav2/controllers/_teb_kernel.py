@@ -152,7 +152,7 @@ def all_errors(edges: Edges, z: Array, limits: Array, found: Array) -> float:
 def slopes_of(
     kind: int, z: Array, o: int, data: Array, limits: Array, free: tuple[int, int], slope: Array
 ) -> bool:
-    """Compute the derivatives of an edge's errors, (2, 11); tell whether any is not zero.
+    """Compute the derivatives of an edge's errors, (2, 11); return whether any is not zero.
 
     Those of obstacles and of the kinematics are exact (and 0 or one-sided at a kink), the others
     central differences, as in the original.
@@ -179,7 +179,7 @@ def slopes_of(
 
 
 def slopes_near(z: Array, o: int, data: Array, margin: float, slope: Array) -> bool:
-    """Compute the derivatives of an obstacle's edge; tell whether any is not zero."""
+    """Compute the derivatives of an obstacle's edge; return whether any is not zero."""
     dx, dy = z[o] - data[0], z[o + 1] - data[1]
     apart = np.sqrt(dx * dx + dy * dy)
     d = apart - data[2]

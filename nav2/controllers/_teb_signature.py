@@ -100,7 +100,7 @@ def signature_of(points: Array, places: Array, velocities: Array, moving: bool) 
 
 
 def alike(first: Array, second: Array, moving: bool, threshold: float) -> bool:
-    """Tell whether two signatures pass every obstacle at the same side.
+    """Return whether two signatures pass every obstacle at the same side.
 
     With moving obstacles: no sign differs where both are at least ``threshold``. Else: no angle
     differs by half a turn.
@@ -116,7 +116,7 @@ def alike(first: Array, second: Array, moving: bool, threshold: float) -> bool:
 
 
 def keeps_clear(begin: Array, end: Array, places: Array, reach: Array) -> bool:
-    """Tell whether a straight step keeps away from discs: centres (M, 2), radii (M,)."""
+    """Return whether a straight step keeps away from discs: centres (M, 2), radii (M,)."""
     dx, dy = end[0] - begin[0], end[1] - begin[1]
     square = dx * dx + dy * dy
     for m in range(len(places)):
@@ -133,7 +133,7 @@ def keeps_clear(begin: Array, end: Array, places: Array, reach: Array) -> bool:
 def connections(
     vertices: Array, ahead: Array, least: float, places: Array, reach: Array
 ) -> NDArray[np.bool_]:
-    """Tell which vertex is joined to which, (V, V): by a step that leads ahead and keeps clear.
+    """Return which vertex is joined to which, (V, V): by a step that leads ahead and keeps clear.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """DWB of Nav2: sampled twists, rolled out and judged by critics."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import hypot
 from typing import Any, final
 
@@ -14,7 +14,7 @@ from ...framework.values.motion import Twist
 from ..parameters import at_default, check_parameters, check_work, made, made_critics
 from .dwb_critics import CRITICS, DwbCritic, usual_critics
 from .dwb_trajectories import DwbParameters, Sampling, Trajectories
-from .local_controller import Answer, MadeOfParts, Tick
+from .local_controller import Answer, CompositeController, Tick
 
 PATH_LENGTH_TOLERANCE = "FollowPathpath_length_tolerance"
 """Nav2's name of RotateToGoal's tolerance, which lacks a dot; the controller's name begins it."""
@@ -30,15 +30,15 @@ _MOST = 2e7
 @final
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What the critics said of K trajectories.
+    """Scores of K trajectories by the critics.
 
     Attributes
     ----------
     trajectories : those judged.
     names : (C,), of the critics, in their order.
     weights : (C,), float32, what scores are multiplied by.
-    raw : (C, K), scores; NaN where a critic did not allow the trajectory or was not asked.
-    asked : (K,), number of critics that were asked about a trajectory; the last of them may have
+    raw : (C, K), scores; NaN where a critic did not allow the trajectory or was not evaluated.
+    evaluated : (K,), number of critics that scored a trajectory; the last of them may have
         forbidden it.
     totals : (K,), float32; -1 for a trajectory that is not allowed.
     best : index of the first trajectory of the lowest total; None where none is allowed.
@@ -48,14 +48,14 @@ class Evaluation:
     names: tuple[str, ...]
     weights: NDArray[np.float32]
     raw: Array
-    asked: NDArray[np.int64]
+    evaluated: NDArray[np.int64]
     totals: NDArray[np.float32]
     best: int | None
 
 
 @final
 @dataclass(eq=False)
-class DWB(DwbParameters, MadeOfParts):
+class DWB(DwbParameters, CompositeController):
     """DWB: the twist whose trajectory has the lowest total of weighted scores.
 
     Twists on a grid within reach of the present speed are rolled out for ``sim_time``; each
@@ -200,43 +200,41 @@ class DWB(DwbParameters, MadeOfParts):
             allowed &= ~np.isnan(row)
         names = tuple(type(critic).__name__ for critic in self.critics)
         scales = np.array(weights, np.float32)
-        return self._totalled(Evaluation(
-            trajectories, names, scales, raw, np.zeros(len(twists), np.int64),
-            np.full(len(twists), -1.0, np.float32), None,
-        ))  # fmt: skip
+        return Evaluation(trajectories, names, scales, raw, *self._totals(raw, scales))
 
     @property
     def sampling(self) -> Sampling:
         """How twists are sampled now, within the limit of speed."""
         return Sampling(self, self._share)
 
-    def _totalled(self, found: Evaluation) -> Evaluation:
+    def _totals(
+        self, raw: Array, weights: NDArray[np.float32]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32], int | None]:
         """Add the scores up as the original does, in float32 after each critic, and choose."""
-        sums = np.zeros(found.raw.shape, np.float32)
-        before = np.zeros(found.raw.shape[1], np.float32)
-        for row, raw, weight in zip(sums, found.raw, found.weights, strict=True):
-            before = row[:] = (before + raw * np.float64(weight)).astype(np.float32)
-        totals, asked = found.totals.copy(), found.asked.copy()
+        sums, count = np.zeros(raw.shape, np.float32), raw.shape[1]
+        before = np.zeros(count, np.float32)
+        for row, scores, weight in zip(sums, raw, weights, strict=True):
+            before = row[:] = (before + scores * np.float64(weight)).astype(np.float32)
+        totals, evaluated = np.full(count, -1.0, np.float32), np.zeros(count, np.int64)
         best, least = None, np.inf
-        weighed = [bool(weight) for weight in found.weights]
         columns: Any = sums.T.tolist()
         for k, column in enumerate(columns):
             total = 0.0
             for c, total in enumerate(column):
-                asked[k] = c + 1
+                evaluated[k] = c + 1
                 if total != total:  # forbidden
                     break
                 worse = best is not None and 0.0 < least < total
-                if self.short_circuit_trajectory_evaluation and weighed[c] and worse:
+                if self.short_circuit_trajectory_evaluation and weights[c] and worse:
                     break
             totals[k] = -1.0 if total != total else total
             if total < least:
                 best, least = k, total
-        return replace(found, totals=totals, asked=asked, best=best)
+        return evaluated, totals, best
 
     def _forbidden(self, found: Evaluation) -> str:
         """Say how many each critic forbade."""
-        counts = np.bincount(found.asked, minlength=len(found.names) + 1)[1:]
+        counts = np.bincount(found.evaluated, minlength=len(found.names) + 1)[1:]
         named = [f"{name} forbids {count}" for name, count in zip(found.names, counts, strict=True)
                  if count]  # fmt: skip
         return f": {', '.join(named)}" if named else ""

@@ -179,7 +179,7 @@ class Oscillation(DwbCritic):
             self.reset()
 
     def _far(self) -> bool:
-        """Tell whether the robot has left the place where it last turned back."""
+        """Return whether the robot has left the place where it last turned back."""
         (now, pose), (then, place) = self._here, self._since
         far = hypot(*(pose - place)[:2])
         turn = abs(normalized(float(pose[2])) - normalized(float(place[2])))

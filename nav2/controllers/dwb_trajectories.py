@@ -54,7 +54,7 @@ class Trajectories:
 
     @property
     def there(self) -> BoolArray:
-        """Tell which poses are not repetitions of the last, (K, P)."""
+        """Return which poses are not repetitions of the last, (K, P)."""
         return np.asarray(np.arange(self.poses.shape[1]) < self.counts[:, None])
 
     def only(self, kept: BoolArray) -> "Trajectories":
@@ -134,60 +134,33 @@ class DwbParameters:
 
 
 @final
-@dataclass(frozen=True, eq=False)
 class Sampling:
     """Samples twists and rolls them out.
 
-    Attributes
+    Parameters
     ----------
     settings : see the class.
     share : of the largest velocities that a limit of speed leaves.
+
+    Attributes
+    ----------
+    low, high : least and largest vx, vy, omega, (3,), m/s and rad/s.
+    gain, loss : acceleration, and deceleration (below zero), per axis, (3,), m/s^2 and rad/s^2.
+    fastest : m/s, of the speed; a negative one sets no limit.
+    instant : whether a trajectory has the sampled twist from the start on.
+    window : s, for which the robot may accelerate to a sample.
     """
 
-    settings: DwbParameters
-    share: float
-
-    @property
-    def low(self) -> Array:
-        """Least vx, vy, omega, (3,), m/s and rad/s."""
-        of = self.settings
-        return np.array([of.min_vel_x, of.min_vel_y, -of.max_vel_theta * self.share])
-
-    @property
-    def high(self) -> Array:
-        """Largest vx, vy, omega, (3,), m/s and rad/s."""
-        of = self.settings
-        return np.array([of.max_vel_x, of.max_vel_y, of.max_vel_theta]) * self.share
-
-    @property
-    def gain(self) -> Array:
-        """Acceleration per axis, (3,), m/s^2 and rad/s^2."""
-        of = self.settings
-        return np.array([of.acc_lim_x, of.acc_lim_y, of.acc_lim_theta])
-
-    @property
-    def loss(self) -> Array:
-        """Deceleration per axis, below zero, (3,), m/s^2 and rad/s^2."""
-        of = self.settings
-        return np.array([of.decel_lim_x, of.decel_lim_y, of.decel_lim_theta])
-
-    @property
-    def fastest(self) -> float:
-        """Largest speed, m/s; a negative one sets no limit."""
-        return self.settings.max_speed_xy * self.share
-
-    @property
-    def instant(self) -> bool:
-        """Whether a trajectory has the sampled twist from the start on."""
-        return self.settings.trajectory_generator_name == GENERATORS[1]
-
-    @property
-    def window(self) -> float:
-        """Time for which the robot may accelerate to a sample, s."""
-        if not self.instant:
-            return self.settings.sim_time
-        period = self.settings.sim_period
-        return 1.0 / self.settings.controller_frequency if period is None else period
+    def __init__(self, settings: DwbParameters, share: float) -> None:
+        of = self.settings = settings
+        self.low: Array = np.array([of.min_vel_x, of.min_vel_y, -of.max_vel_theta * share])
+        self.high: Array = np.array([of.max_vel_x, of.max_vel_y, of.max_vel_theta]) * share
+        self.gain: Array = np.array([of.acc_lim_x, of.acc_lim_y, of.acc_lim_theta])
+        self.loss: Array = np.array([of.decel_lim_x, of.decel_lim_y, of.decel_lim_theta])
+        self.fastest: float = of.max_speed_xy * share
+        self.instant: bool = of.trajectory_generator_name == GENERATORS[1]
+        period = 1.0 / of.controller_frequency if of.sim_period is None else of.sim_period
+        self.window: float = period if self.instant else of.sim_time
 
     def twists(self, speed: Array) -> Array:
         """Return the twists within reach of a speed (3,): (K, 3), never the standstill.

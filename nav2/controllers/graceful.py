@@ -235,7 +235,7 @@ class Graceful(LocalController):
         return trajectory
 
     def _can_turn(self, ground: rollout.Ground, angle: float) -> bool:
-        """Tell whether the robot can turn on the spot by an angle."""
+        """Return whether the robot can turn on the spot by an angle."""
         if not self.use_collision_detection:
             return True
         count = max(1, int(abs(angle) / self.in_place_collision_resolution))

@@ -170,7 +170,7 @@ class LocalController(ABC):
         """Return the velocity for now, or the reason why there is none."""
 
 
-class MadeOfParts(LocalController):
+class CompositeController(LocalController):
     """A controller with critics or plug-ins, which has more parameters than fields."""
 
     @classmethod

@@ -8,7 +8,7 @@ from typing import Any, final
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, nearest
 from ..parameters import NAMES, Limited, effective, made, marks_of, names_of
-from .local_controller import LocalController, MadeOfParts
+from .local_controller import CompositeController, LocalController
 from .mppi import MPPI
 
 LOCAL: dict[str, str] = {
@@ -91,7 +91,7 @@ def together(local: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def timed(local: str) -> bool:
-    """Tell whether a local controller has to know the frequency of its ticks."""
+    """Return whether a local controller has to know the frequency of its ticks."""
     return "controller_frequency" in names_of(_imported(local)) or local == "mppi_foresight"
 
 
@@ -112,7 +112,7 @@ def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
     found, parameters = _imported(local), effective(parameters)
     if local == "rotation_shim":
         return _shim(found, parameters)
-    if issubclass(found, MadeOfParts):
+    if issubclass(found, CompositeController):
         return found.from_parameters(parameters)
     return made(found, local, parameters)
 

@@ -27,7 +27,7 @@ from ..parameters import (
 )
 from .dwb_trajectories import cells_of
 from .expected_people import ExpectedPeopleCritic
-from .local_controller import Answer, MadeOfParts, Tick
+from .local_controller import Answer, CompositeController, Tick
 from .mppi_critics import NAV2, USUAL, MppiCritic
 from .mppi_rollouts import ControlLimits, MppiTick, Rollouts, Single, delayed, driven, followed
 
@@ -71,7 +71,7 @@ class Memory:
 
 @final
 @dataclass(eq=False)
-class MPPI(MadeOfParts):
+class MPPI(CompositeController):
     """Model predictive path integral control: the mean of noisy controls, weighted by their costs.
 
     Noise is added to the controls U of the last tick, c = U + noise; what the robot follows of
@@ -392,7 +392,7 @@ class MPPI(MadeOfParts):
         return np.asarray(found[0])
 
     def free(self, poses: Array, tick: Tick) -> bool:
-        """Tell whether the robot's centre keeps clear of obstacles for a while.
+        """Return whether the robot's centre keeps clear of obstacles for a while.
 
         Off the map it does.
 

@@ -246,7 +246,7 @@ def outlined(
 
 
 def collides(situation: MppiTick, costs: Single, outline: bool) -> BoolArray:
-    """Tell at which poses, (T, B), the robot collides.
+    """Return at which poses, (T, B), the robot collides.
 
     Parameters
     ----------

@@ -184,7 +184,7 @@ class MppiTick:
 
     @cached_property
     def valid(self) -> BoolArray:
-        """Tell which points of the path but the last are free, (N - 1,).
+        """Return which points of the path but the last are free, (N - 1,).
 
         Unknown cells are where the costmap tracks them; places off the map are not.
         """

@@ -12,7 +12,7 @@ from ...framework.predictor import Predictor
 from ...framework.tracking.perception import Perception, scene_of
 from ...framework.values.arrays import Array, positive
 from ...framework.values.motion import Observation
-from .local_controller import Answer, ExpectedPeople, LocalController, MadeOfParts, Tick
+from .local_controller import Answer, CompositeController, ExpectedPeople, LocalController, Tick
 from .mppi import MPPI
 
 CRITIC = "ExpectedPeopleCritic"
@@ -24,7 +24,7 @@ who is no longer reported is dropped."""
 
 @final
 @dataclass(eq=False)
-class PeopleForecasts(MadeOfParts):
+class PeopleForecasts(CompositeController):
     """Forecasts the people of each observation and passes them on to a local controller.
 
     The detections of each tick are remembered as tracks, which a predictor forecasts. A tick

@@ -75,7 +75,7 @@ class Pursuit(LocalController):
         return angle if abs(angle) > self.rotate_to_heading_min_angle else None
 
     def cost_regulated(self, cost: int) -> bool:
-        """Tell whether the cost where the robot stands may slow it."""
+        """Return whether the cost where the robot stands may slow it."""
         known = cost not in (FREE_SPACE, NO_INFORMATION)
         return self.use_cost_regulated_linear_velocity_scaling and known
 
@@ -100,7 +100,7 @@ class Pursuit(LocalController):
 
 
 def in_collision(tick: Tick, pose: Array) -> bool:
-    """Tell whether the robot's outline meets an obstacle at a pose (3,); off the map it does not.
+    """Return whether the robot's outline meets an obstacle at a pose (3,); never off the map.
 
     Unknown cells are obstacles unless the costmap tracks them.
     """

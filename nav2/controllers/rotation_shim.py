@@ -136,7 +136,7 @@ class RotationShim(LocalController):
         return Answer(Twist((0.0, 0.0), rate))
 
     def _hits(self, tick: Tick, rate: float, rest: float, period: float) -> bool:
-        """Tell whether a turn meets an obstacle or an unknown cell before it is done."""
+        """Return whether a turn meets an obstacle or an unknown cell before it is done."""
         x, y, yaw = tick.pose
         passed = 0.0
         while passed < self.simulate_ahead_time:

@@ -74,7 +74,7 @@ class TEB(TebParameters, LocalController):
     def reset(self) -> None:
         """Forget the bands and the oscillation."""
         self._rng = np.random.default_rng(self.seed)
-        self._sway = _Sway(self)
+        self._oscillation = _OscillationDetector(self)
         self._neighbours = Neighbours(_FORGET)
         self._drop()
 
@@ -96,7 +96,7 @@ class TEB(TebParameters, LocalController):
         """Return the velocity at the start of the best band, within the limits."""
         settings = self._now
         plan = local_plan(tick, settings)
-        turn = self._sway.turn(tick.time, float(tick.speed[2]))
+        turn = self._oscillation.turn(tick.time, float(tick.speed[2]))
         if not len(plan):
             return self._refused("the plan is empty", INVALID_PATH)
         if settings.max_vel_x < _SLOWEST:
@@ -113,7 +113,7 @@ class TEB(TebParameters, LocalController):
         if velocity is None:
             return self._refused("the band's first interval is not positive")
         v, w = saturated(velocity, settings)
-        self._sway.commanded(v, w)
+        self._oscillation.commanded(v, w)
         others = tuple(one.band.poses for one in self._candidates.bands)
         return Answer(Twist((v, 0.0), w), expected=found.poses, sampled=others)
 
@@ -164,7 +164,7 @@ class TEB(TebParameters, LocalController):
     def _refused(self, reason: str, error: str = "") -> Answer:
         """Drop the bands and refuse; the command counts as zero."""
         self._drop()
-        self._sway.commanded(0.0, 0.0)
+        self._oscillation.commanded(0.0, 0.0)
         return Answer.refusal(reason, error) if error else Answer.refusal(reason)
 
 
@@ -255,7 +255,7 @@ def saturated(velocity: tuple[float, float], settings: TebParameters) -> tuple[f
 
 
 def feasible(band: Band, tick: Tick, settings: TebParameters) -> bool:
-    """Tell whether the robot's outline is free on a band's first poses, and between them.
+    """Return whether the robot's outline is free on a band's first poses, and between them.
 
     Two poses that are farther apart than the inscribed radius, or turned by more than
     `min_resolution_collision_check_angular`, are asked about between, too.
@@ -283,7 +283,7 @@ def _checked(poses: Array, inside: float, settings: TebParameters) -> Iterator[A
             yield pose + step * (k / parts)
 
 
-class _Sway:
+class _OscillationDetector:
     """Finds out that a robot turns to and fro and gets nowhere, and then keeps one sense.
 
     It sways where over the last commands, in units of the limits, neither the mean speed nor
@@ -319,7 +319,7 @@ class _Sway:
         recent = self._noticed is not None and (
             time - self._noticed < settings.oscillation_recovery_min_duration
         )
-        if self._sways():
+        if self._oscillates():
             if not recent:
                 self._sense = 1 if rate > 0.0 else -1
             self._noticed = time
@@ -327,7 +327,7 @@ class _Sway:
             self._sense = 0
         return self._sense
 
-    def _sways(self) -> bool:
+    def _oscillates(self) -> bool:
         if not self._seen:  # the filter is shorter than a tick
             return False
         if len(self._seen) < (self._seen.maxlen or 0) // 2:

@@ -87,7 +87,7 @@ class Band:
         return Band(np.array(poses), np.array(times))
 
     def fits(self, goal: Array, settings: TebParameters) -> bool:
-        """Tell whether the band leads near enough to a goal (3,) to go on from it."""
+        """Return whether the band leads near enough to a goal (3,) to go on from it."""
         last = self.poses[-1]
         return (
             hypot(goal[0] - last[0], goal[1] - last[1]) < settings.force_reinit_new_goal_dist
@@ -152,7 +152,7 @@ def _shortest(begin: Pose, end: Pose, settings: TebParameters) -> float:
 
 
 def _sweep(poses: list[Pose], times: list[float], settings: TebParameters) -> bool:
-    """Go through a band once, which grows and shrinks meanwhile; tell whether it has changed."""
+    """Go through a band once, which grows and shrinks meanwhile; return whether it has changed."""
     low = settings.dt_ref - settings.dt_hysteresis
     high = settings.dt_ref + settings.dt_hysteresis
     changed, i = False, 0

@@ -215,7 +215,7 @@ def signature_of(band: Band, obstacles: TebObstacles, settings: TebParameters) -
 
 
 def _alike(first: Array, second: Array, settings: TebParameters) -> bool:
-    """Tell whether bands of two signatures are of one class."""
+    """Return whether bands of two signatures are of one class."""
     same = kernel.compiled()[1]
     moving, threshold = settings.include_dynamic_obstacles, settings.h_signature_threshold
     return bool(same(first, second, moving, threshold))

@@ -54,7 +54,7 @@ class TebParameters:
         begin new bands.
     obstacle_heading_threshold : least cosine between an edge of that graph and the direction to
         the goal.
-    h_signature_threshold : an obstacle with less is too far to tell bands apart.
+    h_signature_threshold : an obstacle with less is too far to distinguish bands.
     max_ratio_detours_duration_best_duration : a band that lasts so much longer than the best is
         dropped.
     detours_orientation_tolerance, length_start_orientation_vector : rad, m; so is a band whose

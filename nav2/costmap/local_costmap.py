@@ -127,12 +127,9 @@ class LayeredCostmap:
         self._view, self._footprint = view, footprint
         self._shape = (round(view.height / view.resolution), round(view.width / view.resolution))
         self._inflation = Inflation(
-            footprint.inscribed,
-            view.inflation_radius,
-            view.cost_scaling_factor,
-            view.inflate_unknown,
-            view.inflate_around_unknown,
-        )
+            footprint.inscribed, view.inflation_radius, view.cost_scaling_factor,
+            view.inflate_unknown, view.inflate_around_unknown,
+        )  # fmt: skip
         self.reset()
 
     def reset(self) -> None:
@@ -159,7 +156,7 @@ class LayeredCostmap:
         self._updated = -np.inf
 
     def due(self, time: float) -> bool:
-        """Tell whether an update at a time, s, makes it anew: a clock that goes back does so."""
+        """Return whether an update at a time, s, makes it anew: a clock that goes back does so."""
         period = 1.0 / self._view.update_frequency
         fresh = self._updated <= time < self._updated + period - _LATE
         return self._shown is None or not fresh
@@ -303,7 +300,7 @@ def _around(
 
 
 def _within(grid: Costmap, corners: Array) -> BoolArray:
-    """Tell which cells have their centres within a polygon (V, 2), m, (height, width)."""
+    """Return which cells have their centres within a polygon (V, 2), m, (height, width)."""
     inside = np.zeros((grid.height, grid.width), np.bool_)
     x, y, near = _around(grid, inside, corners.min(axis=0), corners.max(axis=0))
     for (u1, v1), (u2, v2) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -314,7 +311,7 @@ def _within(grid: Costmap, corners: Array) -> BoolArray:
 
 
 def _covered(grid: Costmap, polygons: Sequence[Polygon]) -> BoolArray:
-    """Tell which cells polygons cover: at their centres, or by an edge that passes them."""
+    """Return which cells polygons cover: at their centres, or by an edge that passes them."""
     found = np.zeros((grid.height, grid.width), np.bool_)
     low = np.array(grid.origin)
     high = low + grid.resolution * np.array([grid.width, grid.height])

@@ -53,7 +53,7 @@ class _Clock:
         self._period, self._next = 1.0 / frequency, -np.inf
 
     def strikes(self, time: float) -> bool:
-        """Tell whether it is time (s) again; strokes that were missed are not made up for."""
+        """Return whether it is time (s) again; strokes that were missed are not made up for."""
         if time < self._next - _SOON:
             return False
         late = time - self._next > self._period
@@ -252,15 +252,13 @@ class Nav2(Controller):
         for words in notes:
             WARNINGS.warn(type(self).__name__, "detection", words)
         centres, radii = discs_of(detections)
-        view, polygons = self._set.view, observation.polygons
-        if view.exact:
-            return CostmapSurroundings(None, centres, radii, polygons)
-        if observation.scan is not None:
-            rays = Rays.of_scan(observation.scan.scan, observation.scan.pose)
-            return CostmapSurroundings(rays, centres, radii, polygons)
-        origin = self._pose(observation)[:2]
-        rays = Rays.cast(origin, centres, radii, polygons, view.laser_range)
-        return CostmapSurroundings(rays, centres, radii, polygons)
+        view, scan, rays = self._set.view, observation.scan, None
+        if scan is not None:
+            rays = Rays.of_scan(scan.scan, scan.pose)
+        elif not view.exact:
+            here = self._pose(observation)[:2]
+            rays = Rays.cast(here, centres, radii, observation.polygons, view.laser_range)
+        return CostmapSurroundings(rays, centres, radii, observation.polygons)
 
     def _pose(self, observation: Observation) -> Array:
         pose = self.robot.pose(tuple(float(value) for value in observation.state))
@@ -285,14 +283,14 @@ class Nav2(Controller):
         costmap = self._local.shown
         assert costmap is not None  # it has just been updated
         pose, speed = self._pose(observation), self._speed(observation)
-        sight = ServerView(
+        seen = ServerView(
             time, pose, speed, costmap, self._local.updated, self.footprint,
             self._set.view.track_unknown_space, observation,
         )  # fmt: skip
         self._smoother.measure((float(speed[0]), float(speed[1]), float(speed[2])), time)
         if self._ticks.strikes(time):
             self._reason = ""
-            twist = self._decided(sight, observation)
+            twist = self._decided(seen, observation)
             if twist is not None:
                 linear = (float(twist.linear[0]), float(twist.linear[1]))
                 self._smoother.take((*linear, float(twist.angular)), time)
@@ -301,11 +299,11 @@ class Nav2(Controller):
             self._sent = Command((out[0], out[1]), out[2])
         return self._sent
 
-    def _decided(self, sight: ServerView, observation: Observation) -> Twist | None:
+    def _decided(self, seen: ServerView, observation: Observation) -> Twist | None:
         """Return the velocity of the behaviour tree's present branch."""
         self._answer = None
         if self._navigation is Navigation.RECOVERING:
-            return self._recover(sight)
+            return self._recover(seen)
         if self._navigation is not Navigation.FOLLOWING:
             return _STILL
         path = checked_ready(self._path)
@@ -314,42 +312,42 @@ class Nav2(Controller):
             if self.planner is not None:
                 view = replace(self._set.view, static_layer=True)
                 self._route = GlobalRoute.around(self.planner, view, self.footprint, path)
-            self._server.begin(path, sight.time)
-        if self._route is not None and not self._routed(self._route, sight, observation):
+            self._server.begin(path, seen.time)
+        if self._route is not None and not self._routed(self._route, seen, observation):
             return _STILL
-        step = self._server.tick(sight, 1.0 / self._set.view.update_frequency)
+        step = self._server.tick(seen, 1.0 / self._set.view.update_frequency)
         self._answer, self._reason = step.answer, step.reason
         if step.status is ServerStatus.SUCCEEDED:
             self._navigation = Navigation.SUCCEEDED
         elif step.status is not ServerStatus.RUNNING:
             self._reason = f"{step.status}: {step.reason}"
-            self._failed(sight, step.status)
+            self._failed(seen, step.status)
         return step.twist
 
-    def _routed(self, route: GlobalRoute, sight: ServerView, observation: Observation) -> bool:
-        """Plan a new route where the tree wants one; tell whether there is one to follow."""
-        if not route.due(sight.time):
+    def _routed(self, route: GlobalRoute, seen: ServerView, observation: Observation) -> bool:
+        """Plan a new route where the tree wants one; return whether there is one to follow."""
+        if not route.due(seen.time):
             return True
-        found, reason = route.update(sight.time, sight.pose, self._around(observation))
+        found, reason = route.update(seen.time, seen.pose, self._around(observation))
         if found is not None:
             self._path = poses_along(found)
             self._server.replan(self._path)
         elif reason:
             self._reason = f"{ServerStatus.NO_VALID_PATH}: {reason}"
-            self._failed(sight, ServerStatus.NO_VALID_PATH, again=True)
+            self._failed(seen, ServerStatus.NO_VALID_PATH, again=True)
         return not reason
 
-    def _failed(self, sight: ServerView, status: ServerStatus, again: bool = False) -> None:
+    def _failed(self, seen: ServerView, status: ServerStatus, again: bool = False) -> None:
         """Try once more with a cleared costmap, then recover, then give up."""
         if status not in _HELPED:
             self._navigation = Navigation.FAILED
         elif not self._retried and not again:
             self._retried = True
             self._local.clear()
-            self._server.again(sight.time)
+            self._server.again(seen.time)
         else:
             self._retried = False
-            self._start(self._recoveries.begin(sight))
+            self._start(self._recoveries.begin(seen))
 
     def _start(self, recovery: Recovery | None) -> None:
         """Take note of the recovery that has started, if any."""
@@ -359,13 +357,13 @@ class Nav2(Controller):
             if self._route is not None:
                 self._route.clear()
 
-    def _recover(self, sight: ServerView) -> Twist:
+    def _recover(self, seen: ServerView) -> Twist:
         """Go on with the recovery; after it, follow the path again."""
         self._reason = f"recovering: {self._recoveries.now}"
-        twist, outcome = self._recoveries.velocity(sight)
+        twist, outcome = self._recoveries.velocity(seen)
         if outcome is RecoveryOutcome.SUCCEEDED:
             self._navigation = Navigation.FOLLOWING
-            self._server.again(sight.time)
+            self._server.again(seen.time)
         elif outcome is RecoveryOutcome.FAILED:
             self._navigation = Navigation.FAILED
         elif self._recoveries.now is Recovery.CLEAR:

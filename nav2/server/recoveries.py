@@ -159,7 +159,7 @@ class Recoveries:
         return twist, RecoveryOutcome.RUNNING
 
     def _hits(self, seen: ServerView, speed: float, turning: float, rest: float) -> bool:
-        """Tell whether the outline meets an obstacle or an unknown cell ahead."""
+        """Return whether the outline meets an obstacle or an unknown cell ahead."""
         x, y, yaw = (float(value) for value in seen.pose)
         for count in range(int(self.simulate_ahead_time * self.cycle_frequency)):
             time = count / self.cycle_frequency

@@ -65,7 +65,7 @@ class GlobalRoute:
         self._costmap.clear()
 
     def due(self, time: float) -> bool:
-        """Tell whether it is time, s, to look whether a new route is wanted."""
+        """Return whether it is time, s, to look whether a new route is wanted."""
         return not self._looked <= time < self._looked + PERIOD
 
     def update(
@@ -105,7 +105,7 @@ class GlobalRoute:
 
 
 def blocked(costmap: Costmap, footprint: RobotFootprint, path: Array) -> bool:
-    """Tell whether the robot could not stand at a pose of a path (N, 3).
+    """Return whether the robot could not stand at a pose of a path (N, 3).
 
     A round robot cannot where its centre costs 253 or 254, or off the map; another one where its
     outline costs 254 or more.

@@ -119,7 +119,7 @@ class ProgressChecker:
         self._base = None
 
     def progressing(self, pose: Array, time: float) -> bool:
-        """Tell whether the robot, at a pose (3,) and a time (s), is not stuck."""
+        """Return whether the robot, at a pose (3,) and a time (s), is not stuck."""
         moved = self._base is None or distance(pose, self._base[0]) > self.required_movement_radius
         if self._base is None or moved:
             self._base = (pose, time)

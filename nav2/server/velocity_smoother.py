@@ -106,8 +106,8 @@ class Nav2VelocitySmoother:
         change = wanted - now
         share = self._share(np.abs(change), most) if self.scale_velocities else 1.0
         out = now + np.clip(share * change, -most, most)
-        self._last = _velocity(out)
-        return _velocity(np.where(np.abs(out) < self.deadband_velocity, 0.0, out))
+        self._last = _as_velocity(out)
+        return _as_velocity(np.where(np.abs(out) < self.deadband_velocity, 0.0, out))
 
     def _current(self) -> Array:
         """Velocity from which the axes move on, (3,)."""
@@ -125,7 +125,7 @@ class Nav2VelocitySmoother:
         return float((most[slowed] / changes[slowed]).min(initial=1.0))
 
 
-def _velocity(axes: Array) -> Velocity:
+def _as_velocity(axes: Array) -> Velocity:
     return float(axes[0]), float(axes[1]), float(axes[2])
 
 

@@ -46,10 +46,10 @@ def compared(found: Evaluation, k: int, stored: Case) -> None:
         assert apart(trajectories.poses[k, :count], stored["poses"]) < 1e-9
     if stored["total_f32"] == -1:
         assert found.totals[k] == -1.0
-        assert found.names[found.asked[k] - 1] in stored["critics"]
+        assert found.names[found.evaluated[k] - 1] in stored["critics"]
         return
     assert found.totals[k] == pytest.approx(stored["total_f32"], rel=1e-6)
-    assert found.names[: found.asked[k]] == tuple(stored["critics"])
+    assert found.names[: found.evaluated[k]] == tuple(stored["critics"])
     for c, (raw, weight) in enumerate(stored["critics"].values()):
         assert found.raw[c, k] == pytest.approx(raw, rel=1e-6, abs=1e-6), found.names[c]
         assert found.weights[c] == pytest.approx(weight, rel=1e-6), found.names[c]

@@ -184,8 +184,8 @@ def test_nothing_is_cut_short_by_a_total_of_zero() -> None:
     turns = np.abs(found.trajectories.twists[:, 2])
     first = int(np.argmin(turns))  # the least total is exactly 0 from here on
     assert found.totals[first:] == pytest.approx(3.0 * turns[first:])
-    assert turns[first] == 0.0 and (found.asked[first:] == 2).all()
-    assert (found.asked[1:first] < 2).any() or first < 2
+    assert turns[first] == 0.0 and (found.evaluated[first:] == 2).all()
+    assert (found.evaluated[1:first] < 2).any() or first < 2
 
 
 def test_turning_back_is_forbidden_until_the_robot_has_moved() -> None:

@@ -16,7 +16,7 @@ from wideberth.nav2.controllers import _teb_signature as signatures
 from wideberth.nav2.controllers.local_controller import INVALID_PATH, NO_VALID_CONTROL, Tick
 from wideberth.nav2.controllers.teb import (
     TEB,
-    _Sway,
+    _OscillationDetector,
     lethal_points,
     local_plan,
     obstacles_of,
@@ -413,7 +413,7 @@ def test_wrong_parameters_are_named() -> None:
 
 
 def test_swaying_is_noticed_and_one_sense_kept() -> None:
-    sway = _Sway(TebParameters())
+    sway = _OscillationDetector(TebParameters())
     senses = []
     for k in range(400):
         sway.commanded(0.0, 0.2 if k // 5 % 2 else -0.2)
@@ -423,7 +423,7 @@ def test_swaying_is_noticed_and_one_sense_kept() -> None:
         sway.commanded(0.4, 0.0)
         senses.append(sway.turn(0.05 * k, -0.1))
     assert senses[-1] == 0
-    calm = _Sway(TebParameters(oscillation_recovery=False))
+    calm = _OscillationDetector(TebParameters(oscillation_recovery=False))
     assert {calm.turn(0.05 * k, 0.1) for k in range(300)} == {0}
 
 
