@@ -76,12 +76,13 @@ class VelocityLimits:
         return found
 
 
-def shipped_parameters(local: str) -> dict[str, Any]:
-    """Return what Nav2 has shipped for its own robot beside the defaults in a controller's code.
+def shipped_parameters(name: str) -> dict[str, Any]:
+    """Return what Nav2 has shipped for its own robot beside the defaults in the code.
 
-    MPPI is the controller that it ships now, DWB the one that it shipped before.
+    There are parameters of controllers, of the server and of the velocity smoother. MPPI is the
+    controller that Nav2 ships now, DWB the one that it shipped before.
     """
-    return dict(NAMES["shipped"].get(local, {}))
+    return dict(NAMES["shipped"].get(name, {}))
 
 
 def together(local: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:

@@ -15,10 +15,9 @@ from ...framework.values.costmap import LETHAL, Costmap
 from ...framework.values.motion import Twist
 from ._teb_kernel import wrapped
 from .local_controller import INVALID_PATH, Answer, LocalController, Tick
-from .teb_band import Band
+from .teb_band import Band, TebParameters
 from .teb_classes import BandCandidate, BandCandidates
 from .teb_edges import STANDING, Pull, TebObstacles, optimised
-from .teb_parameters import TebParameters
 
 _SHARE, _AVERAGED, _SLOWEST, _FORGET = 0.85, 3, 0.01, 1.0
 """Of half the map that a band may cover; steps of the plan that the heading at the local goal is

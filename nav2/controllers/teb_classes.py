@@ -9,9 +9,8 @@ import numpy as np
 from ...framework.values.arrays import Array
 from . import _teb_signature as kernel
 from ._teb_kernel import wrapped
-from .teb_band import Band
+from .teb_band import Band, TebParameters
 from .teb_edges import Optimum, Pull, TebObstacles, optimised
-from .teb_parameters import TebParameters
 
 
 @final

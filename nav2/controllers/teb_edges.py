@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from ...framework.values.arrays import Array
 from . import _teb_kernel as kernel
 from ._teb_kernel import Edges
-from .teb_band import Band
-from .teb_parameters import TebParameters
+from .teb_band import Band, TebParameters
 
 STANDING = 1e-3
 """m/s, a slower obstacle counts as standing."""

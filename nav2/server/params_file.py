@@ -27,18 +27,8 @@ SERVER, NODE = "controller_server", "ros__parameters"
 _MISSPELT = 0.95
 """Ratio of `difflib` from which on an unknown plug-in is taken for a known one that is misspelt;
 names of plug-ins are long, and many are alike."""
-_OF_PATHS = (
-    "prune_distance", "max_robot_pose_search_dist", "enforce_path_inversion",
-    "inversion_xy_tolerance", "inversion_yaw_tolerance",
-)  # fmt: skip
-"""Parameters of the path handler that were the controllers' own before there was one."""
 _CLEARS = "footprint_clearing_enabled"
 """A view frees the robot's outline of what rays have met, and never of a known map."""
-_SEEN = {
-    "cost_scaling_factor", "inf_is_valid", "inflate_around_unknown", "inflate_unknown",
-    "inflation_radius", "obstacle_max_range", "raytrace_max_range",
-}  # fmt: skip
-"""Parameters of layers that a view has."""
 
 
 @final
@@ -306,7 +296,8 @@ def _of_paths(flat: dict[str, Any], controller: str) -> dict[str, Any]:
         if "forward_prune_distance" in flat:
             flat["prune_distance"] = flat.pop("forward_prune_distance")
     own = ("max_robot_pose_search_dist",) if controller == "vector_pursuit" else ()
-    return {name: flat.pop(name) for name in _OF_PATHS if name in flat and name not in own}
+    names = [name for name in NAMES["path_handler"] if name in flat and name not in own]
+    return {name: flat.pop(name) for name in names}
 
 
 def _of_teb(flat: Mapping[str, Any]) -> dict[str, Any]:
@@ -371,10 +362,10 @@ def _layer(place: str, given: Mapping[str, Any], passed: list[str]) -> dict[str,
         return {}
     found, as_seen = {**layers[plugin]}, NAMES["only"]["layers"]
     only = {**as_seen, _CLEARS: "static_layer" not in layers[plugin]}
-    nothing = {*NAMES["layers_without_effect"], *only}
+    seen, nothing = NAMES["layers_of_view"], {*NAMES["layers_without_effect"], *only}
     for name, value in given.items():
         where, _, last = f"{place}.{name}".rpartition(".")
-        if _known(where, {last: value}, _SEEN | nothing, passed) and last in _SEEN:
+        if _known(where, {last: value}, {*seen, *nothing}, passed) and last in seen:
             found[last] = value
         elif last in only and value != only[last]:
             passed.append(f"{place}.{name}")

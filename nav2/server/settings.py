@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
+from functools import partial
 from typing import Any, final
 
 from ...framework.robot import Robot
@@ -47,21 +48,13 @@ class LoopSettings:
 
     local: str = "regulated_pure_pursuit"
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    server: Mapping[str, Any] = field(
-        default_factory=lambda: {
-            "failure_tolerance": 0.3, "min_x_velocity_threshold": 0.001,
-            "min_y_velocity_threshold": 0.5, "min_theta_velocity_threshold": 0.001,
-        }
-    )  # fmt: skip
+    server: Mapping[str, Any] = field(default_factory=partial(shipped_parameters, "server"))
     path_handler: Mapping[str, Any] = field(default_factory=dict)
     goal_checker: Mapping[str, Any] = field(default_factory=dict)
     progress_checker: Mapping[str, Any] = field(default_factory=dict)
     velocity_smoother: Mapping[str, Any] = field(
-        default_factory=lambda: {
-            "max_velocity": [0.5, 0.0, 2.0], "min_velocity": [-0.5, 0.0, -2.0],
-            "max_accel": [3.0, 0.0, 3.5], "max_decel": [-3.0, 0.0, -3.5],
-        }
-    )  # fmt: skip
+        default_factory=partial(shipped_parameters, "velocity_smoother")
+    )
     recoveries: Mapping[str, Any] = field(default_factory=dict)
     view: CostmapView = field(default_factory=CostmapView)
     controller_frequency: float = 20.0

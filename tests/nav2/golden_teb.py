@@ -8,7 +8,7 @@ import pytest
 from wideberth.nav2.controllers import _teb_kernel as kernel
 from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.teb import TEB
-from wideberth.nav2.controllers.teb_band import Band
+from wideberth.nav2.controllers.teb_band import Band, TebParameters
 from wideberth.nav2.controllers.teb_edges import (
     Pull,
     TebObstacles,
@@ -17,7 +17,6 @@ from wideberth.nav2.controllers.teb_edges import (
     minimised,
     optimised,
 )
-from wideberth.nav2.controllers.teb_parameters import TebParameters
 from wideberth.tests.nav2.golden import Case, Checks
 
 NAMES = (

@@ -22,7 +22,7 @@ from wideberth.nav2.controllers.teb import (
     obstacles_of,
     saturated,
 )
-from wideberth.nav2.controllers.teb_band import Band
+from wideberth.nav2.controllers.teb_band import Band, TebParameters
 from wideberth.nav2.controllers.teb_classes import BandCandidate, BandCandidates, signature_of
 from wideberth.nav2.controllers.teb_edges import (
     Pull,
@@ -33,7 +33,6 @@ from wideberth.nav2.controllers.teb_edges import (
     limits_of,
     minimised,
 )
-from wideberth.nav2.controllers.teb_parameters import TebParameters
 from wideberth.nav2.costmap.footprint import RobotFootprint
 from wideberth.nav2.goal_checker import GoalChecker
 from wideberth.nav2.server.params_file import read_params_file
