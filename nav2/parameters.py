@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, final, get_args, get_origin, get_type_hints
 
+import numpy as np
 from annotated_types import Ge, Gt
 
 from ..framework.plugins.yamlfile import read_config
@@ -117,7 +118,7 @@ def check_parameters(owner: Any, place: str, other: tuple[str, ...] = ()) -> Non
     from pydantic import ValidationError
 
     kind: Any = type(owner)
-    given = {name: getattr(owner, name) for name in annotations_of(kind)}
+    given = {name: _plain(getattr(owner, name)) for name in annotations_of(kind)}
     try:
         valid = _schema(kind, other).model_validate(given)
     except ValidationError as error:
@@ -129,7 +130,8 @@ def check_parameters(owner: Any, place: str, other: tuple[str, ...] = ()) -> Non
         number = (
             "whole number" if _bare(annotations_of(kind)[str(name)]) is int else "finite number"
         )
-        wanted = _WANTED[first["type"]].format(number=number, **first.get("ctx", {}))
+        wanted = _WANTED.get(first["type"], "another value")
+        wanted = wanted.format(number=number, **first.get("ctx", {}))
         raise WideberthError(f"{where} is {short(first['input'])}; wanted {wanted}") from None
     for name in valid.model_fields_set:
         object.__setattr__(owner, name, getattr(valid, name))
@@ -138,18 +140,15 @@ def check_parameters(owner: Any, place: str, other: tuple[str, ...] = ()) -> Non
 @cache
 def _schema(kind: type, other: tuple[str, ...]) -> Any:
     """Return the model of pydantic that has the annotations of a dataclass."""
-    from pydantic import BeforeValidator, ConfigDict, Strict, create_model
+    from pydantic import BeforeValidator, ConfigDict, create_model
 
-    def lenient(hint: Any) -> Any:
+    hints = {name: hint for name, hint in annotations_of(kind).items() if name not in other}
+    for name, hint in hints.items():
         if _bare(hint) is int:
-            return Annotated[hint, BeforeValidator(_whole)]
-        return Annotated[hint, Strict(False)] if get_origin(_bare(hint)) is tuple else hint
-
-    wanted: dict[str, Any] = {
-        name: (lenient(hint), ...)
-        for name, hint in annotations_of(kind).items()
-        if name not in other
-    }
+            hints[name] = Annotated[hint, BeforeValidator(_whole)]
+        elif get_origin(_bare(hint)) is tuple:
+            hints[name] = Annotated[hint, BeforeValidator(_row)]
+    wanted: dict[str, Any] = {name: (hint, ...) for name, hint in hints.items()}
     config = ConfigDict(strict=True, allow_inf_nan=False, protected_namespaces=())
     return create_model(kind.__name__, __config__=config, **wanted)
 
@@ -157,6 +156,16 @@ def _schema(kind: type, other: tuple[str, ...]) -> Any:
 def _bare(hint: Any) -> Any:
     """Return an annotation without its marks and bounds."""
     return get_args(hint)[0] if get_origin(hint) is Annotated else hint
+
+
+def _plain(value: Any) -> Any:
+    """Return a number or array of NumPy as Python has it."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+
+
+def _row(value: Any) -> Any:
+    """Return a list as a tuple."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _whole(value: Any) -> Any:

@@ -251,7 +251,7 @@ def _controller(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any
     local = _local("the controller's plugin", str(given["plugin"]))
     flat = effective(given)
     if "primary_controller" in flat:
-        flat["primary_controller"] = _local("primary_controller", flat["primary_controller"])
+        flat["primary_controller"] = _local("primary_controller", str(flat["primary_controller"]))
     inner = flat.get("primary_controller", local)
     paths = _of_paths(flat, inner)
     if inner == "mppi":

@@ -94,8 +94,12 @@ def test_every_kind_of_controller_has_a_bound() -> None:
 def test_a_number_becomes_what_its_annotation_says() -> None:
     made = MPPI(batch_size=20.0, vx_max=1)  # type: ignore[arg-type]
     assert type(made.batch_size) is int and type(made.vx_max) is float
-    smoother = Nav2VelocitySmoother(max_velocity=[1, 0, 2])  # type: ignore[arg-type]
-    assert smoother.max_velocity == (1.0, 0.0, 2.0)
+    for given in ([1, 0, 2], np.array([1.0, 0.0, 2.0])):
+        smoother = Nav2VelocitySmoother(max_velocity=given)  # type: ignore[arg-type]
+        assert smoother.max_velocity == (1.0, 0.0, 2.0)
+    numbers = GoalChecker(np.float32(0.5), stateful=np.bool_(False))  # type: ignore[arg-type]
+    assert (numbers.xy_goal_tolerance, numbers.stateful) == (0.5, False)
+    assert Recoveries(np.int64(3)).number_of_retries == 3  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -109,6 +113,14 @@ def test_a_number_becomes_what_its_annotation_says() -> None:
         (CRITICS["PathAlignCritic"], {"trajectory_point_step": 0}, "at least 1"),
         (CRITICS["PathFollowCritic"], {"offset_from_furthest": -1}, "at least 0"),
         (PathHandler, {"max_robot_pose_search_dist": "far"}, "wanted a number"),
+        (
+            PathHandler,
+            {"prune_distance": np.bool_(True)},
+            "prune_distance is True; wanted a number",
+        ),
+        (GoalChecker, {"xy_goal_tolerance": 10**400}, "wanted a number"),
+        (CRITICS["PathAngleCritic"], {"mode": 10**400}, "wanted another value"),
+        (Nav2VelocitySmoother, {"max_accel": {1.0, 2.0, 3.0}}, "wanted 3 numbers"),
     ],
 )
 def test_values_out_of_range_are_refused(kind: type, given: dict[str, Any], message: str) -> None:
