@@ -155,7 +155,7 @@ def options(index: int, region: str, robot: str, solver: str, wall: str | None) 
         "deadline": DEADLINE,
         "latency": one_of(rng, 0.0, 0.2, 5.0),
         "margin": one_of(rng, 0.0, 0.1, 10.0),
-        "stop_at_end": one_of(rng, True, False),
+        "fallback": {"stop_at_end": one_of(rng, True, False)},
         "own_uncertainty": one_of(rng, "open-loop", "feedback"),
         "starts": one_of(rng, "auto", []),
         "most_obstacles": one_of(rng, 1, 2, 5),
@@ -181,19 +181,21 @@ def straight_on(shown: dict[str, Array]) -> Array:
     return np.asarray(1e300 * shown["goal"])
 
 
+WAYS = {"type": "ways", "region": "mahalanobis_ellipse"}
 OPTIONS: dict[str, dict[str, Any]] = {
     "none": {},
     "hard regions": {"penalty": None},
     "relaxed level": {"level": "relaxed"},
-    "ways": {"ways": {}},
+    "ways": {"further_kinds": [WAYS]},
     "withdraw": {"withdraw": True},
-    "stop_at_end": {"stop_at_end": True},
+    "stop_at_end": {"fallback": {"stop_at_end": True}},
     "latency": {"latency": 0.3},
     "own_uncertainty": {"own_uncertainty": "feedback"},
     "starts": {"starts": ["along", "left", "right", "back-left", "back-right", "wait", "coast"]},
     "contouring": {"cost": "contouring"},
     "no deadline": {"deadline": None},
-    "all": {"ways": {}, "withdraw": True, "stop_at_end": True, "latency": 0.3,
+    "all": {"further_kinds": [WAYS], "withdraw": True, "fallback": {"stop_at_end": True},
+            "latency": 0.3,
             "own_uncertainty": "feedback", "static_region": "separating_line"},
 }  # fmt: skip
 """Optional settings of the planner, each on by itself, and all of those that go together."""

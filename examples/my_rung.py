@@ -67,7 +67,7 @@ def plan_with(rungs):
             "predictor": "static",
             "level": "fixed",
             "solver": "my_rung:Unavailable",
-            "rungs": rungs,
+            "fallback": {"rungs": rungs},
         },
     )
     planner.set_path(Path([(0, 0), (20, 0)]))

@@ -69,10 +69,8 @@ class _Log(NamedTuple):
         velocity, joint = detection.velocity, detection.state_covariance
         if times[-1] == stamp - detection.age:  # not of an older one that came late
             motion = None if velocity is None or joint is None else (velocity, joint)
-        return _Log(
-            times, places, stamp, detection.radius, detection.covariance, detection.sensor,
-            fresh, self.looked, motion,
-        )  # fmt: skip
+        said = detection.radius, detection.covariance, detection.sensor
+        return _Log(times, places, stamp, *said, fresh, self.looked, motion)
 
     def carried(self, lag: float) -> "_Carried | None":
         """Return where it is ``lag`` s after the newest measurement; None without a motion.
@@ -109,9 +107,7 @@ class _Clock(NamedTuple):
         if count and not time > times[-1]:
             return None
         kept = count - int(count > 1 and time - times[-2] < apart)
-        first = 0
-        while first < kept and times[first] < time - keep:
-            first += 1
+        first = min(int(times.searchsorted(time - keep)), kept)
         later = np.empty(kept - first + 1)
         later[:-1], later[-1] = times[first:kept], time
         return cls(later, first, kept)

@@ -62,9 +62,9 @@ def test_the_default_run_covers_what_it_promises(fuzz: ModuleType) -> None:
             assert settings.items() <= with_each[f"{solver} with {option}"].items()
     optional = {name for one in cases.OPTIONS.values() for name in one}
     wanted = {
-        "ways",
+        "further_kinds",
         "withdraw",
-        "stop_at_end",
+        "fallback",
         "latency",
         "own_uncertainty",
         "starts",

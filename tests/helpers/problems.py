@@ -14,7 +14,6 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.rollout import steer
 from wideberth.framework.mpc.slots import base, gaussian_discs
 from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotKind
-from wideberth.framework.mpc.slots.built_in import built_in
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import NONE, StaticPolygons, Walls
 from wideberth.framework.region import Region
@@ -25,6 +24,13 @@ from wideberth.framework.values.motion import Pose, Twist
 from wideberth.framework.values.path import Path
 
 STEPS, DT = 15, 0.5
+
+
+def built_in(
+    region: Region, static_region: StaticRegion | None = None
+) -> tuple[GaussianDiscs, StaticPolygons]:
+    """The kinds of every planner."""
+    return GaussianDiscs(region), StaticPolygons(static_region)
 
 
 def kinds(region: Region, static_region: StaticRegion | None = None) -> tuple[SlotKind, ...]:

@@ -20,7 +20,7 @@ from wideberth import build, save_plugin
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
-from wideberth.framework.mpc.planner.rungs import rungs_of
+from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse, read_config
 
@@ -106,8 +106,8 @@ def test_yaml_on_a_page_builds(page: str, folder: Path) -> None:
                     build(ROOMS[key], one)
             elif key in ROOMS:
                 build(ROOMS[key], value)
-            elif key == "rungs":
-                assert len(rungs_of(value)) == len(value)
+            elif key == "fallback":
+                assert len(Fallback(**value).ladder) == len(value["rungs"])
             elif key in ("cascades", "cases"):
                 own = read_config(config_path("perception_faults"))
                 build("experiments", {**own, "cases": {}, key: value})

@@ -74,7 +74,7 @@ class Unavailable(Solver):
 
 planner = build("controllers", {"type": "mpc", "robot": "unicycle", "predictor": "static",
     "region": "mahalanobis_ellipse", "level": "fixed", "solver": Unavailable(),
-    "rungs": ["optimal", "page:SlowDown", "brake"]})
+    "fallback": {"rungs": ["optimal", "page:SlowDown", "brake"]}})
 planner.set_path(Path([(0, 0), (12, 0)]))
 planner.command(Observation(0.0, (0, 0, 0, 0.5, 0)))
 assert planner.plan.rung == "slow down", planner.plan.reason

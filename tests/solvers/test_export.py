@@ -46,7 +46,7 @@ PAIRS: dict[str, tuple[dict[str, Any], tuple[int, int, int]]] = {
             "robot": "bicycle",
             "region": "luetkepohl_rectangle",
             "static_region": "separating_line",
-            "stop_at_end": True,
+            "fallback": {"stop_at_end": True},
         },
         (1, 1, 6),
     ),

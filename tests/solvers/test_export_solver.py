@@ -61,7 +61,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
         {},
         {"region": "minkowski_sum", "level": "fixed", "horizon": 7},
         {"region": "luetkepohl_rectangle", "robot": "bicycle", "penalty": None},
-        {"robot": {"type": "differential_drive", "radius": 0.5}, "stop_at_end": True},
+        {
+            "robot": {"type": "differential_drive", "radius": 0.5},
+            "fallback": {"stop_at_end": True},
+        },
         {"robot": "holonomic", "level": "fixed", "horizon": 130, "dt": 0.1},
     ],
     ids=str,
@@ -163,7 +166,7 @@ def test_recorded_instances_are_solved_as_in_python(count: int, tmp_path: Path) 
 @pytest.mark.parametrize(
     "settings",
     [{}, {"level": "fixed"}, {"level": "fixed", "penalty": None, "region": "minkowski_sum"},
-     {"level": "fixed", "horizon": 130, "dt": 0.1, "stop_at_end": True}],
+     {"level": "fixed", "horizon": 130, "dt": 0.1, "fallback": {"stop_at_end": True}}],
     ids=str,
 )  # fmt: skip
 def test_within_an_obstacle_and_turned_round(settings: dict[str, Any], tmp_path: Path) -> None:

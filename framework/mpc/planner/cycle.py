@@ -308,7 +308,7 @@ def _planned(
     instance, first = _filled(settings, state, services, course, frame)
     starts = MultiStart(services.watch, settings.starts, budget)
     outcome = starts.run(instance, first, state.obstacle_in_way)
-    plan, point = choose(settings.ladder, LadderInput(instance, outcome), course.stamp)
+    plan, point = choose(settings.fallback.ladder, LadderInput(instance, outcome), course.stamp)
     plan = replace(
         without_progress(robot, plan),
         reason=joined(plan.reason, outcome.note, instance.note),
@@ -449,7 +449,7 @@ def _resumed(
     """Return the first starting point, and the inputs (N, m) that are left of the last plan."""
     robot, inputs = settings.robot, None
     if state.plan is not None:
-        standing = settings.stop_at_end
+        standing = settings.fallback.stop_at_end
         inputs = remaining_inputs(robot, state.plan, course.stamp, course.start, standing=standing)
     trajectory = first_trajectory(services.motion, course.start, inputs)
     return Guess.bare(*trajectory, settings.target), inputs

@@ -196,20 +196,28 @@ def _levelled(instance: Instance, values: Array) -> Array:
 
 def _contents(kind: LevelledKind, level: Array, dimension: int) -> Array:
     """Content that each level stands for; 0 for the paper's unbounded level below 0."""
+    first = float(level[0, 0]) if level.size else 0.0
+    if (level == first).all():
+        return np.full(level.shape, _content(kind, first, dimension))
+    different, which = np.unique(level, return_inverse=True)
+    found = np.array([_content(kind, value, dimension) for value in different.tolist()])
+    return found[which].reshape(level.shape)
+
+
+def _content(kind: LevelledKind, level: float, dimension: int) -> float:
+    if not level > 0.0:
+        return 0.0
     try:
-        found = _known_contents(kind, level.tobytes(), dimension)
+        return _known_content(kind, level, dimension)
     except TypeError:  # a third party's region may not be hashable
-        found = _contents_of(kind, level.tobytes(), dimension)
-    return found.reshape(level.shape)
+        return _content_of(kind, level, dimension)
 
 
-def _contents_of(kind: LevelledKind, levels: bytes, dimension: int) -> Array:
-    flat = np.frombuffer(levels).tolist()
-    known = {v: 1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in set(flat)}
-    return np.array([known[v] for v in flat])
+def _content_of(kind: LevelledKind, level: float, dimension: int) -> float:
+    return 1.0 - kind.tail(level, "content", dimension)
 
 
-_known_contents = lru_cache(maxsize=16)(_contents_of)
+_known_content = lru_cache(maxsize=256)(_content_of)
 """Plans that keep the levels aimed at ask for the same at every decision."""
 
 

@@ -35,6 +35,6 @@ class ProblemCache:
                 rooms=rooms,
                 cost=own.cost,
                 penalty=own.penalty,
-                stop_at_end=own.stop_at_end,
+                stop_at_end=own.fallback.stop_at_end,
             )
         return self._made[rooms]

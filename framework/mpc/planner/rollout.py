@@ -120,7 +120,9 @@ class _Steering:
 
 def drive_each(robot: Robot, states: Array, twist: Twist, dt: float) -> Array:
     """Return the inputs that bring each of N states to a twist, of arrays (N,), in one step."""
-    rows = np.stack(np.broadcast_arrays(*twist.linear, twist.angular, states[:, 0])[:-1], axis=1)
+    rows = np.empty((len(states), robot.dimension + 1))
+    for column, values in enumerate((*twist.linear, twist.angular)):
+        rows[:, column] = values
     if isinstance(robot, SymbolicDrive):
         return _driving(robot, len(states), dt)([states, rows])[0]
     pairs = zip(states.tolist(), rows.tolist(), strict=True)

@@ -9,7 +9,7 @@
 5. `Brake`: the way to stop within the limits, straight on or after getting out of the way, that
    enters regions least.
 
-`choose` takes the first rung of a tuple that holds. A planner's setting ``rungs`` names
+`choose` takes the first rung of a tuple that holds. A planner's setting ``fallback`` names
 that tuple: put a rung of your own where it belongs.
 
 In contact every rung is held to one more rule: the robot stops or leaves, and speeds up for
@@ -266,6 +266,35 @@ RUNGS: dict[str, type[FallbackRung]] = {
 """The built-in rungs by name, best first."""
 
 
+@final
+@dataclass(frozen=True)
+class Fallback:
+    """What a planner drives where a solve fails.
+
+    Parameters
+    ----------
+    rungs : of the ladder, best first: names of built-in ones, or "module:Class" of a
+        `FallbackRung` of your own.
+    stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
+        is there to fall back on for as long as the forecast it was made for comes true.
+
+    Raises
+    ------
+    WideberthError : no rung, or a name that is none.
+    """
+
+    rungs: tuple[str, ...] = tuple(RUNGS)
+    stop_at_end: bool = False
+
+    def __post_init__(self) -> None:
+        rungs_of(self.rungs)
+
+    @cached_property
+    def ladder(self) -> tuple[FallbackRung, ...]:
+        """The rungs."""
+        return rungs_of(self.rungs)
+
+
 def rungs_of(names: Sequence[str]) -> tuple[FallbackRung, ...]:
     """Return the rungs of their names, in the same order.
 
@@ -279,7 +308,7 @@ def rungs_of(names: Sequence[str]) -> tuple[FallbackRung, ...]:
     """
     if isinstance(names, str) or not names:
         raise WideberthError(
-            f"planner.rungs is {names!r}; wanted some of {list(RUNGS)}, or 'module:Class'"
+            f"fallback.rungs is {names!r}; wanted some of {list(RUNGS)}, or 'module:Class'"
         )
     return tuple(_made(name) for name in names)
 
@@ -290,7 +319,7 @@ def _made(name: str) -> FallbackRung:
         return found()
     except Exception as error:  # a third party's class may fail in any way
         raise WideberthError(
-            f"planner.rungs names {name!r}, which cannot be made without arguments ({error})"
+            f"fallback.rungs names {name!r}, which cannot be made without arguments ({error})"
         ) from error
 
 
@@ -299,17 +328,17 @@ def _rung(name: str) -> type[FallbackRung]:
     module, colon, own = name.partition(":")
     if not colon:
         if name not in RUNGS:
-            raise WideberthError(f"planner.rungs: {unknown('rung', name, RUNGS)}")
+            raise WideberthError(f"fallback.rungs: {unknown('rung', name, RUNGS)}")
         return RUNGS[name]
     try:
         found = vars(import_module(module))[own]
     except Exception as error:  # a third party's module may fail in any way
         raise WideberthError(
-            f"planner.rungs names {name!r}, which cannot be imported ({type(error).__name__}: "
+            f"fallback.rungs names {name!r}, which cannot be imported ({type(error).__name__}: "
             f"{error}); wanted 'module:Class'"
         ) from error
     if not (isinstance(found, type) and issubclass(found, FallbackRung)):
-        raise WideberthError(f"planner.rungs names {name!r}, which is no FallbackRung")
+        raise WideberthError(f"fallback.rungs names {name!r}, which is no FallbackRung")
     return found
 
 

@@ -16,13 +16,13 @@ from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
 from ..costs.base import Cost
 from ..costs.tracking import Tracking
-from ..levels.base import LevelPolicy, SharedLevel, mixed_up
-from ..slots.base import CAPACITIES, SlotKind, shared_target
-from ..slots.built_in import built_in
-from ..slots.ways import Ways
+from ..levels.base import LevelPolicy, mixed_up
+from ..slots.base import CAPACITIES, SelectiveKind, SlotKind, shared_target
+from ..slots.gaussian_discs import GaussianDiscs
+from ..slots.static_polygons import StaticPolygons
 from ..solver import Solver
 from .own_uncertainty import Growth
-from .rungs import RUNGS, FallbackRung, rungs_of
+from .rungs import Fallback
 from .starts import Starts, checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
@@ -66,15 +66,13 @@ class PlannerSettings:
     starts : starting points of the solver beside the shifted last plan, always tried, or
         ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
-    further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons.
+    further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons. One
+        with the name of either takes its place, as ``ways`` does, see
+        `wideberth.framework.mpc.slots.ways`.
     own_uncertainty : how the covariance of the observed state grows over the horizon, see
         `OwnUncertainty`; without one in the observation the state is taken as exact.
-    stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
-        is there to fall back on for as long as the forecast it was made for comes true.
-    ways : of the obstacles, which plans keep free as well, and give up before they enter a body,
-        see `wideberth.framework.mpc.slots.ways`; needs a ``penalty``. None for bodies alone.
-    rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
-        `FallbackRung` of your own, see `wideberth.framework.mpc.planner.rungs`.
+    fallback : what is driven where a solve fails: the rungs, and whether every plan ends at rest,
+        see `wideberth.framework.mpc.planner.rungs`.
 
     Raises
     ------
@@ -102,9 +100,7 @@ class PlannerSettings:
     static_region: StaticRegion | None = None
     further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"
-    stop_at_end: bool = False
-    ways: Ways | None = None
-    rungs: tuple[str, ...] = tuple(RUNGS)
+    fallback: Fallback = field(default_factory=Fallback)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -112,13 +108,8 @@ class PlannerSettings:
     @cached_property
     def kinds(self) -> tuple[SlotKind, ...]:
         """Kinds of things that plans keep clear of, in the order of the problem's slots."""
-        first = built_in(self.region, self.static_region, self.ways)
-        return (*first, *self.further_kinds)
-
-    @cached_property
-    def ladder(self) -> tuple[FallbackRung, ...]:
-        """The rungs of the fallback ladder, best first."""
-        return rungs_of(self.rungs)
+        first = GaussianDiscs(self.region), StaticPolygons(self.static_region)
+        return tuple({kind.name: kind for kind in (*first, *self.further_kinds)}.values())
 
     @cached_property
     def target(self) -> float:
@@ -160,13 +151,14 @@ def check_settings(planner: PlannerSettings) -> None:
             positive(f"planner.{name}", getattr(planner, name))
     _check_sizes(planner)
     checked_starts(planner.starts)
-    rungs_of(planner.rungs)
     if planner.robot.dimension not in planner.region.dimensions:
         raise WideberthError(
             f"the robot moves in {planner.robot.dimension} dimensions; the region "
             f"{type(planner.region).__name__} is made for {planner.region.dimensions}"
         )
-    _check_ways(planner)
+    for kind in planner.further_kinds:
+        if isinstance(kind, SelectiveKind):
+            kind.refuse(planner.level, planner.penalty, planner.most_obstacles)
     planner.level.levels(planner.region, 1, 1, planner.robot.dimension)
     if planner.static_region is not None and planner.robot.dimension != 2:
         raise WideberthError(
@@ -201,35 +193,6 @@ def doubts(settings: PlannerSettings) -> tuple[str, ...]:
     if words := mixed_up(describe(settings.level).get("tail", 0.0)):
         found.append(f"level.{words}")
     return tuple(found)
-
-
-def _check_ways(planner: PlannerSettings) -> None:
-    """Refuse ways without a price, more of them than there are slots for, or a level that moves.
-
-    A level that gives way does so for the way as it does for the body, at the level's own price.
-
-    Raises
-    ------
-    WideberthError : no penalty, too many obstacles, or a level that is a variable of the plan.
-    """
-    if planner.ways is None:
-        return
-    if isinstance(planner.level, SharedLevel):
-        raise WideberthError(
-            f"planner.level is {type(planner.level).__name__}, which would give way for people's "
-            "ways at the price of their bodies; wanted a level that is held with planner.ways, "
-            "such as discounted or fixed"
-        )
-    if planner.penalty is None:
-        raise WideberthError(
-            "planner.ways has a share of the price of soft regions, and planner.penalty is None: "
-            "give a penalty, such as 1e4, or leave the ways out"
-        )
-    if 2 * planner.most_obstacles > CAPACITIES[-1]:
-        raise WideberthError(
-            f"planner.most_obstacles is {planner.most_obstacles}; wanted at most "
-            f"{CAPACITIES[-1] // 2} with planner.ways, which takes a slot for each way"
-        )
 
 
 def _check_sizes(planner: PlannerSettings) -> None:

@@ -2,7 +2,7 @@
 
 from ...plugins.lazy import lazy
 
-BUILT_IN: dict[str, str] = {}
-"""Every planner has the kinds of `built_in`; a config adds those of a user's own."""
+BUILT_IN = {"ways": "wideberth.framework.mpc.slots.ways:Ways"}
+"""What a config may add: every planner has `GaussianDiscs` and `StaticPolygons`."""
 
 __getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

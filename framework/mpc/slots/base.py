@@ -211,6 +211,19 @@ class LevelledKind(SlotKind):
         """Probability that is not covered at a level; 1 below level 0."""
 
 
+class SelectiveKind(SlotKind):
+    """A kind that does not go with the settings of every planner."""
+
+    @abstractmethod
+    def refuse(self, level: LevelPolicy, penalty: float | None, most: int) -> None:
+        """Refuse settings that do not go with it; ``most`` is how many things a problem may hold.
+
+        Raises
+        ------
+        WideberthError : says which, and what to set instead.
+        """
+
+
 class GaussianKind(SlotKind):
     """A kind of things that are Gaussian in place; exported code may fill their slots itself."""
 

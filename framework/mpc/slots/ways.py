@@ -10,30 +10,45 @@ from ...robot import Robot
 from ...values.arrays import Array, Scalar, positive
 from ...values.errors import WideberthError
 from ...values.motion import Pose
-from ..levels.base import LevelPolicy, Promise
+from ..levels.base import LevelPolicy, Promise, SharedLevel
 from ..ocp.bodies import Body
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.stage import Frame, slots
-from .base import LevelledKind, PlanningContext, SlotAssignment, SlotSizes, next_capacity
+from .base import (
+    CAPACITIES,
+    LevelledKind,
+    PlanningContext,
+    SelectiveKind,
+    SlotAssignment,
+    SlotSizes,
+    next_capacity,
+)
 from .gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet, fill
 
 
 @final
 @dataclass(frozen=True)
-class Ways:
-    """How far ahead people's ways are kept free, and at what price.
+class Ways(LevelledKind, SelectiveKind):
+    """Obstacles of the forecast, and behind them their ways: a slot for each mode of each.
 
-    A planner with ways keeps out of two regions for each obstacle and step: that of the obstacle
-    itself, and that of its way during the next ``span`` seconds. Both are soft; to enter a way
-    costs a share of what it costs to enter a body equally far, so that where no plan keeps
-    everything free, the solver gives ways up first.
+    In a planner's ``further_kinds`` it takes the place of `GaussianDiscs`, whose name it has. A
+    plan then keeps out of two regions for each obstacle and step: that of the obstacle itself, and
+    that of its way during the next ``span`` seconds. Both are soft; to enter a way costs a share
+    of what it costs to enter a body equally far, so that where no plan keeps everything free, the
+    solver gives ways up first.
+
+    Constraint: k h(x) >= 0 with h that of the region, and k = 1 for bodies and ``share`` for
+    ways. A step has one slack, the largest k (-h) of all its slots, so that k is a share of the
+    price, and a way adds nothing where a body is entered more.
 
     A plan that enters a way counts as one that enters regions. It is no longer ``optimal``: of
     the plans at hand the one is driven that enters least, the entry of a way times ``share``,
-    whatever the plans cost; see `wideberth.framework.mpc.planner.rungs`.
+    whatever the plans cost; see `wideberth.framework.mpc.planner.rungs`. What a plan says of
+    levels is about bodies alone, and so is contact.
 
     Parameters
     ----------
+    region : states the sets that the robot keeps out of; the planner's.
     span : s, above 0.
     share : of the price, above 0 and at most 1.
     margin : m, added to the radii of robot and obstacle; stands in place of the planner's.
@@ -43,9 +58,12 @@ class Ways:
     WideberthError : a number out of range.
     """
 
+    region: Region
     span: float = 1.25
     share: float = 0.1
     margin: float = 0.05
+
+    name: ClassVar[str] = "obstacle"
 
     def __post_init__(self) -> None:
         positive("ways.span", self.span)
@@ -56,7 +74,34 @@ class Ways:
                 f"ways.share is {self.share:g}; wanted at most 1: a way costs no more than a body"
             )
 
-    def of(self, discs: ObstacleSet, dt: float) -> ObstacleSet:
+    def refuse(self, level: LevelPolicy, penalty: float | None, most: int) -> None:
+        """Refuse ways without a price, more than there are slots for, or a level that moves.
+
+        A level that gives way does so for the way as it does for the body, at the level's own
+        price.
+
+        Raises
+        ------
+        WideberthError : no penalty, too many obstacles, or a level that is a variable of the plan.
+        """
+        if isinstance(level, SharedLevel):
+            raise WideberthError(
+                f"planner.level is {type(level).__name__}, which would give way for people's ways "
+                "at the price of their bodies; wanted a level that is held with the slot kind "
+                "ways, such as discounted or fixed"
+            )
+        if penalty is None:
+            raise WideberthError(
+                "the slot kind ways has a share of the price of soft regions, and planner.penalty "
+                "is None: give a penalty, such as 1e4, or leave the ways out"
+            )
+        if 2 * most > CAPACITIES[-1]:
+            raise WideberthError(
+                f"planner.most_obstacles is {most}; wanted at most {CAPACITIES[-1] // 2} with the "
+                "slot kind ways, which takes a slot for each way"
+            )
+
+    def ways_of(self, discs: ObstacleSet, dt: float) -> ObstacleSet:
         """Return the ways of some discs.
 
         The way at step i has the moments of where the disc is at step i + J, J drawn evenly from
@@ -84,29 +129,6 @@ class Ways:
             spread[: steps - later] += discs.covariance[later:] + square
         spread /= count[:, None, None, None]
         return replace(discs, mean=mean, covariance=spread)
-
-
-@final
-@dataclass(frozen=True)
-class DiscsAndWays(LevelledKind):
-    """Obstacles of the forecast, and behind them their ways: a slot for each mode of each.
-
-    Constraint: k h(x) >= 0 with h that of the region, and k = 1 for bodies and ``ways.share`` for
-    ways. A step has one slack, the largest k (-h) of all its slots, so that k is a share of the
-    price, and a way adds nothing where a body is entered more.
-
-    What a plan says of levels is about bodies alone, and so is contact.
-
-    Parameters
-    ----------
-    region : states the sets that the robot keeps out of.
-    ways : how far ahead, and at what price.
-    """
-
-    region: Region
-    ways: Ways
-
-    name: ClassVar[str] = "obstacle"
 
     @property
     def discs(self) -> GaussianDiscs:
@@ -136,17 +158,17 @@ class DiscsAndWays(LevelledKind):
         assert isinstance(chosen.known, KnownDiscs)
         discs, radius = chosen.known.obstacles, self.bodies(robot)[0].radius + view.margin
         count, room = len(discs), next_capacity(2 * len(discs))
-        ways = self.ways.of(discs, view.dt)
+        ways = self.ways_of(discs, view.dt)
         both = replace(
             discs,
             mean=np.concatenate([discs.mean, ways.mean], axis=1),
             covariance=np.concatenate([discs.covariance, ways.covariance], axis=1),
-            radius=np.concatenate([discs.radius, discs.radius + (self.ways.margin - view.margin)]),
+            radius=np.concatenate([discs.radius, discs.radius + (self.margin - view.margin)]),
             ids=(*discs.ids, *discs.ids),
         )
         numbers = fill(view.reference, both, self.region, view.level, radius, room, view.own)
         share = np.ones((*numbers.parameters.shape[:2], 1))
-        share[:, count : 2 * count] = self.ways.share
+        share[:, count : 2 * count] = self.share
         priced = np.concatenate([numbers.parameters, share], axis=2)
         return replace(
             chosen,
@@ -170,5 +192,5 @@ class DiscsAndWays(LevelledKind):
 
     def explanation(self, dimension: int) -> str:
         """Quote the region, and say what the last number is."""
-        last = f"The last number is the share of the price: 1, or {self.ways.share:g} for a way."
+        last = f"The last number is the share of the price: 1, or {self.share:g} for a way."
         return f"{self.discs.explanation(dimension)}\n\n{last}"

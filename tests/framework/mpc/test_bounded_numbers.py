@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.mpc.slots.gaussian_discs import (
     FAR,
     WIDE,
@@ -64,7 +65,8 @@ def test_covariances_of_any_size_are_solved(solver: str, penalty: float | None) 
     rng = np.random.default_rng(3)
     made = planner(
         solver=build("solvers", solver), region=MinkowskiSum(), predictor=Static(),
-        margin=10.0, latency=5.0, stop_at_end=True, horizon=8, penalty=penalty, starts=(),
+        margin=10.0, latency=5.0, fallback=Fallback(stop_at_end=True), horizon=8,
+        penalty=penalty, starts=(),
     )  # fmt: skip
     for k in range(4):
         scales = 10.0 ** rng.uniform(-300.0, 200.0, (4, 2))

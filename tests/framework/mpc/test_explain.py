@@ -17,6 +17,7 @@ from wideberth.framework.mpc.diagnosis import explain
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.diagnosis.solve_record import Record, read_solve, write_solve
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.robot import start_state
 from wideberth.framework.values.errors import WideberthError
@@ -39,7 +40,7 @@ PLAIN: dict[str, Any] = {
 KINDS: dict[str, dict[str, Any]] = {
     "plain": {},
     "ipopt": {"solver": "ipopt", "penalty": None},
-    "exact sum": {"region": "minkowski_sum", "level": "fixed", "stop_at_end": True},
+    "exact sum": {"region": "minkowski_sum", "level": "fixed", "fallback": {"stop_at_end": True}},
     "walls": {"static_region": "separating_line"},
     "contouring": {"cost": "contouring", "robot": "differential_drive"},
     "flying": {"robot": "holonomic_3d"},
@@ -188,10 +189,12 @@ def test_a_folder_that_cannot_be_written_is_a_reason(tmp_path: File) -> None:
 
 
 def test_the_settings_are_config() -> None:
-    made = planner(record={"folder": "solves"}, stop_at_end=True, starts=["along", "wait"])
+    made = planner(
+        record={"folder": "solves"}, fallback=Fallback(stop_at_end=True), starts=["along", "wait"]
+    )
     again: Planner = build("controllers", describe(made))
     assert again.record == Record("solves")
-    assert again.stop_at_end and again.starts == ("along", "wait")
+    assert again.fallback.stop_at_end and again.starts == ("along", "wait")
     assert describe(again) == describe(made)
 
 

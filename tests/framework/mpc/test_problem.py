@@ -23,7 +23,6 @@ from wideberth.framework.mpc.planner.rollout import steer
 from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.base import level_at_first
 from wideberth.framework.mpc.slots.base import with_auxiliaries as with_auxiliaries_of
-from wideberth.framework.mpc.slots.built_in import built_in
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import (
     StaticPolygons,
@@ -51,7 +50,15 @@ from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.ipopt import Ipopt
-from wideberth.tests.helpers.problems import DT, STEPS, assemble, fill, set_up, with_auxiliaries
+from wideberth.tests.helpers.problems import (
+    DT,
+    STEPS,
+    assemble,
+    built_in,
+    fill,
+    set_up,
+    with_auxiliaries,
+)
 from wideberth.tests.helpers.region_samples import PAPER
 
 ROBOTS = [Unicycle(), DifferentialDrive(), Bicycle(), Holonomic()]

@@ -23,6 +23,7 @@ from wideberth.framework.mpc.planner.rollout import brake, clip, follow, steer
 from wideberth.framework.mpc.planner.rungs import (
     RUNGS,
     Brake,
+    Fallback,
     FallbackRung,
     FeasibleIterate,
     LadderInput,
@@ -103,29 +104,29 @@ def test_a_rung_that_returns_something_else_is_named() -> None:
 
 def test_the_built_in_rungs_are_those_of_plans_best_first() -> None:
     assert tuple(RUNGS) == BUILT_IN == tuple(one.name for one in rungs_of(BUILT_IN))
-    assert planner().rungs == BUILT_IN
+    assert planner().fallback.rungs == BUILT_IN
 
 
 def test_a_rung_of_ones_own_stands_where_the_tuple_has_it() -> None:
-    made = planner(solver=Failing(good=1), rungs=("optimal", OWN, "brake"))
+    made = planner(solver=Failing(good=1), fallback=Fallback(("optimal", OWN, "brake")))
     assert approach(made, ticks=1).rung is Rung.OPTIMAL
     plan = approach(made, ticks=2)
     assert plan.rung == "still" and plan.status is Status.INFEASIBLE
     assert "; solver: told to fail" in plan.reason and "still taken: region of" in plan.reason
-    fresh = planner(solver=Failing(good=0), rungs=("optimal", OWN, "brake"))
+    fresh = planner(solver=Failing(good=0), fallback=Fallback(("optimal", OWN, "brake")))
     fresh.command(at(0.0, 0.0, ("other", 1.2, 0.0)))
     assert fresh.plan is not None and fresh.plan.rung is Rung.BRAKE
     assert "still: there is no last plan" in fresh.plan.reason
 
 
 def test_rungs_are_config() -> None:
-    made = planner(rungs=("optimal", OWN, "brake"))
-    assert describe(made)["rungs"] == ["optimal", OWN, "brake"]
-    assert build("controllers", describe(made)).rungs == ("optimal", OWN, "brake")
+    made = planner(fallback=Fallback(("optimal", OWN, "brake")))
+    assert describe(made)["fallback"]["rungs"] == ["optimal", OWN, "brake"]
+    assert build("controllers", describe(made)).fallback.rungs == ("optimal", OWN, "brake")
 
 
 def test_a_ladder_without_a_stop_ends_in_an_emergency_stop() -> None:
-    made = planner(solver=Failing(good=0), rungs=("optimal",))
+    made = planner(solver=Failing(good=0), fallback=Fallback(("optimal",)))
     command = made.command(at(0.0, 0.0, ("other", 1.2, 0.0)))
     assert made.plan is not None and made.plan.rung is Rung.BRAKE
     assert "no rung of ['optimal'] holds (solver: told to fail" in made.plan.reason
@@ -135,7 +136,7 @@ def test_a_ladder_without_a_stop_ends_in_an_emergency_stop() -> None:
 def test_brake_holds_where_the_rung_above_was_left_out() -> None:
     seen = at(0.0, 0.0, ("other", 1.2, 0.0))
     for rungs in (BUILT_IN, ("brake",), ("optimal", "brake")):
-        made = planner(solver=Failing(good=0), rungs=rungs)
+        made = planner(solver=Failing(good=0), fallback=Fallback(rungs))
         made.command(seen)
         assert made.plan is not None and made.plan.rung in (Rung.BRAKE, Rung.LEAST)
         assert rungs == BUILT_IN or made.plan.rung is Rung.BRAKE
@@ -153,7 +154,7 @@ def test_brake_holds_where_the_rung_above_was_left_out() -> None:
 )
 def test_names_that_are_no_rungs_are_refused(rungs: tuple[str, ...], words: str) -> None:
     with pytest.raises(WideberthError, match=words):
-        planner(rungs=rungs)
+        planner(fallback=Fallback(rungs))
 
 
 def test_a_plan_on_a_rung_of_ones_own_is_logged_and_counted() -> None:

@@ -29,7 +29,7 @@ from wideberth.framework.mpc.slots.base import (
 from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
-from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
+from wideberth.framework.mpc.slots.ways import Ways
 from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.robot import Robot
@@ -59,8 +59,8 @@ CART = carts.CART
 KINDS: list[SlotKind] = [
     GaussianDiscs(MahalanobisEllipse()),
     GaussianDiscs(MinkowskiSum()),
-    DiscsAndWays(MahalanobisEllipse(), Ways()),
-    DiscsAndWays(MinkowskiSum(), Ways()),
+    Ways(MahalanobisEllipse()),
+    Ways(MinkowskiSum()),
     StaticPolygons(StaticSeparatingLine()),
     StaticPolygons(Dual()),
     carts.Carts({"a": CART, "b": CART[:3], "c": CART}),

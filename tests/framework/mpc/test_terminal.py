@@ -13,6 +13,7 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.rollout import follow, shift, stand, steer
+from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
@@ -57,7 +58,11 @@ class World:
 
     def __init__(self, robot: Robot, futures: dict[str, Any], solver: Solver, **changes: Any):
         self.robot, self.futures, self.time = robot, futures, 0.0
-        settings: dict[str, Any] = {"starts": (), "stop_at_end": True, **changes}
+        settings: dict[str, Any] = {
+            "starts": (),
+            "fallback": Fallback(stop_at_end=True),
+            **changes,
+        }
         self.planner = Planner(robot, MahalanobisEllipse(), Oracle(), Fixed(), solver, **settings)
         way = np.zeros((2, robot.dimension))
         way[1, 0] = 30.0
@@ -113,7 +118,7 @@ def test_the_plan_ends_at_rest(robot: Robot) -> None:
     pushed = robot.twist(tuple(plan.states[-1]), (0.0,) * len(robot.inputs))
     speed = np.abs([*pushed.linear, pushed.angular]).max()
     assert speed <= REST + 1e-4
-    free = World(robot, {}, Fatrop(), stop_at_end=False).decide()
+    free = World(robot, {}, Fatrop(), fallback=Fallback()).decide()
     if not isinstance(robot, HolonomicVelocity):
         assert np.linalg.norm(free.states[-1] - plan.states[-1]) > 0.1
     assert free.positions[-1, 0] >= plan.positions[-1, 0] - 1e-6

@@ -17,7 +17,6 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.instance import Instance
 from wideberth.framework.mpc.planner.rollout import steer
 from wideberth.framework.mpc.planner.verify import verify, violation
-from wideberth.framework.mpc.slots.built_in import built_in
 from wideberth.framework.mpc.slots.contact import BodyPath
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import (
@@ -46,6 +45,7 @@ from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import (
     among,
     assemble,
+    built_in,
     slots_of,
     surroundings,
     with_auxiliaries,

@@ -11,7 +11,7 @@ from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet
-from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
+from wideberth.framework.mpc.slots.ways import Ways
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region
@@ -27,7 +27,7 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.riccati.solver import Riccati
 
-WAYS = Ways(span=1.25, share=0.1, margin=0.05)
+WAYS = Ways(MahalanobisEllipse(), span=1.25, share=0.1, margin=0.05)
 
 
 def test_a_way_is_where_somebody_is_within_the_span() -> None:
@@ -40,7 +40,7 @@ def test_a_way_is_where_somebody_is_within_the_span() -> None:
     tracks = Tracks(walk, 0.25, ("anna", "ben"), np.array([0.25, 0.3]), noise)
     straight = ConstantVelocity(acceleration_density=0.05)
     near = ObstacleSet.of(straight.predict(tracks, 20), tracks.ids, tracks.radius)
-    found, rng, count = WAYS.of(near, 0.25), np.random.default_rng(0), 200_000
+    found, rng, count = WAYS.ways_of(near, 0.25), np.random.default_rng(0), 200_000
     for step, row in ((0, 0), (7, 1), (14, 0)):
         later = rng.integers(0, 6, count)  # 1.25 s are five steps of 0.25 s
         roots = np.linalg.cholesky(near.covariance[step : step + 6, row])
@@ -59,14 +59,14 @@ def test_a_way_is_where_somebody_is_within_the_span() -> None:
     np.testing.assert_allclose(found.mean[-2], both, rtol=0.0, atol=1e-12)
     assert found.ids == near.ids and found.radius is near.radius
     # a span of less than half a step is the place itself
-    np.testing.assert_array_equal(Ways(span=0.1).of(near, 0.25).mean, near.mean)
+    np.testing.assert_array_equal(replace(WAYS, span=0.1).ways_of(near, 0.25).mean, near.mean)
 
 
 @pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
 def test_a_way_has_a_share_of_the_price_of_its_region(region: Region) -> None:
     robot, view = Unicycle(), sample_view()
     alone = GaussianDiscs(region).choose(robot, view)
-    kind = DiscsAndWays(region, WAYS)
+    kind = replace(WAYS, region=region)
     chosen = kind.choose(robot, view)
     count = len(alone.names)
     assert count == 3 and chosen.names == alone.names and chosen.room == (10,)
@@ -107,7 +107,7 @@ def crowded(ways: Ways | None, seed: int = 8) -> Planner:
         robot=build("robots", {"type": "holonomic_velocity", "radius": 0.25, "max_speed": 1.0}),
         region=MahalanobisEllipse(), predictor=ConstantVelocity(), level=Fixed(0.05),
         solver=Riccati(), horizon=6, dt=0.25, period=0.25, track_dt=0.25, penalty=1e4,
-        margin=0.05, reference_speed=1.0, starts=(), ways=ways,
+        margin=0.05, reference_speed=1.0, starts=(), further_kinds=() if ways is None else (ways,),
     )  # fmt: skip
     planner.set_path(Path(np.array([[0.0, 0.0], [5.0, 0.0]])))
     rng = np.random.default_rng(seed)
@@ -137,8 +137,8 @@ def test_bodies_are_entered_less_where_ways_are_cheap() -> None:
     more = 0
     for seed in (8, 10, 11, 12, 14):
         alone = entered(crowded(None, seed))
-        assert entered(crowded(Ways(share=0.01), seed)) <= alone + 0.01
-        more += entered(crowded(Ways(share=1.0), seed)) > alone + 0.1
+        assert entered(crowded(replace(WAYS, share=0.01), seed)) <= alone + 0.01
+        more += entered(crowded(replace(WAYS, share=1.0), seed)) > alone + 0.1
     assert more == 4
 
 
@@ -157,7 +157,8 @@ def test_levels_are_said_of_bodies_alone() -> None:
     near = [name for name in names if name in people]
     assert len(near) == 5  # another one is out of reach
     assert names[:10] == (*near, *(f"way of {name}" for name in near))
-    assert build("controllers", {"type": "mpc", **describe(planner)}).ways == WAYS
+    again = build("controllers", {"type": "mpc", **describe(planner)})
+    assert again.further_kinds == (WAYS,)
 
 
 def test_nobody_has_no_way() -> None:
@@ -178,7 +179,7 @@ def test_nobody_has_no_way() -> None:
 )
 def test_numbers_out_of_range_are_refused(change: dict[str, float], words: str) -> None:
     with pytest.raises(WideberthError, match=words):
-        Ways(**change)
+        replace(WAYS, **change)
 
 
 def test_a_planner_refuses_ways_that_it_cannot_price() -> None:
@@ -195,7 +196,7 @@ def test_a_planner_refuses_ways_that_it_cannot_price() -> None:
 def test_ways_are_the_same_on_any_clock(stamp: float) -> None:
     """The step was read off the clock: 0 s where that counts in larger ones, and 1 / 0."""
     view = sample_view()
-    kind, robot = DiscsAndWays(MinkowskiSum(), WAYS), Unicycle()
+    kind, robot = replace(WAYS, region=MinkowskiSum()), Unicycle()
     wanted = kind.choose(robot, view).numbers
     shifted = replace(view, times=stamp + view.times)
     found = kind.choose(robot, shifted).numbers

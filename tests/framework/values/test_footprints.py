@@ -16,7 +16,6 @@ from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.base import SlotKind, farthest
-from wideberth.framework.mpc.slots.built_in import built_in
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import NONE
 from wideberth.framework.numerics.symbolic import ca
@@ -33,7 +32,7 @@ from wideberth.regions.separating_line import SeparatingLine
 from wideberth.robots.bicycle import Bicycle
 from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.unicycle import Unicycle
-from wideberth.tests.helpers.problems import among, assemble, with_auxiliaries
+from wideberth.tests.helpers.problems import among, assemble, built_in, with_auxiliaries
 
 DISCS = Discs(((0.6, 0.0), (0.1, 0.05), (-0.4, -0.1)), 0.35)
 CAR = Outline(((0.9, 0.3), (-0.3, 0.35), (-0.4, -0.2), (0.7, -0.3)))
