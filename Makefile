@@ -55,7 +55,7 @@ core: .venv/ready       ## compile the solver riccati to the object code that is
 	$(BIN)/python -m wideberth.solvers.riccati.emit
 
 fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
-	$(BIN)/python benchmarks/fuzz.py --workers $(WORKERS)
+	$(BIN)/python tests/fuzz/fuzz.py --workers $(WORKERS)
 
 mutants: .venv/ready    ## change the code for the worse and count what no test sees
 	$(BIN)/python -m wideberth.tests.mutation.study

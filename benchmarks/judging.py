@@ -6,11 +6,11 @@ import numpy as np
 from measuring import Row
 from set_ups import DT, EXACT, unicycle
 
+from wideberth.benchmarks.recorded_instances import Instance, worst_violation
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.rollout import clip, follow
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.values.plan import Status
-from wideberth.tests.oracles.recorded_instances import Instance, worst_violation
 
 TIGHT, LOOSE = 1e-6, 1e-4
 """Largest violation (m, m/s or unit-free) of a feasible plan: the solvers' own tolerance, and what

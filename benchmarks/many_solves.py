@@ -12,9 +12,9 @@ from judging import LOOSE, judged
 from measuring import Row, Tick, bare_loop, rotated, timed
 from set_ups import ELLIPSE, OWN, paper_problem, registered
 
+from wideberth.benchmarks.recorded_instances import Instance
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.solver import Solution, Solver, solve_many
-from wideberth.tests.oracles.recorded_instances import Instance
 
 ROUNDS = 5
 _STEPS = 2_000_000

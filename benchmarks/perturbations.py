@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from wideberth.tests.oracles.recorded_instances import FIELDS, LEVEL
+from wideberth.benchmarks.recorded_instances import FIELDS, LEVEL
 
 Row: TypeAlias = dict[str, Any]
 """One instance: a copy of its arrays, by field."""

@@ -26,7 +26,7 @@ import tracking
 from measuring import Row, Tick
 from set_ups import SetUp, set_ups
 
-from wideberth.tests.oracles.recorded_instances import Instance
+from wideberth.benchmarks.recorded_instances import Instance
 
 Tables: TypeAlias = dict[str, tuple[str, list[Row]]]
 """Name of the file -> title and rows. Without a title the rows are written and not shown."""

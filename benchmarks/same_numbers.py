@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from set_ups import OWN, SetUp, paper_problem, registered, suited
 
+from wideberth.benchmarks.recorded_instances import read_instances
 from wideberth.framework import GaussianObstacle, build, names
-from wideberth.tests.oracles.recorded_instances import read_instances
 
 RUNS = {
     "chicken_game": {"seeds": 20},

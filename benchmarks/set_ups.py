@@ -9,6 +9,7 @@ import numpy as np
 from paper_program import PaperProgram
 from peers import peers
 
+from wideberth.benchmarks.recorded_instances import LEVEL, Instance
 from wideberth.framework import names
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.paper import Paper
@@ -21,7 +22,6 @@ from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution, Solver, pressed, solve_cheapest
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Status
-from wideberth.tests.oracles.recorded_instances import LEVEL, Instance
 
 PAPER, HONEST = "paper_mx", "ipopt_sx"
 """The references: the paper's program on MX graphs, and the same on SX."""

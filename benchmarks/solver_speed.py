@@ -8,9 +8,9 @@ from judging import judged
 from measuring import Row, Tick, rotated, timed
 from set_ups import ELLIPSE, SetUp, paper_problem, suited
 
+from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build
-from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).resolve().parents[1] / "tests" / "data" / "mpc_instances.npz"
 

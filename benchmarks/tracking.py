@@ -9,6 +9,7 @@ import numpy as np
 from measuring import Row, Tick
 from scipy.interpolate import CubicSpline
 
+from wideberth.benchmarks.joint_probabilistic import JointProbabilistic
 from wideberth.experiments.studies.prediction_data import PredictionData
 from wideberth.framework.detector import Detector
 from wideberth.framework.plugins.config import build
@@ -17,8 +18,6 @@ from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Scan, TrackedObstacle
 from wideberth.metrics.tracking import track_scores
-from wideberth.tests.oracles.joint_probabilistic import JointProbabilistic
-from wideberth.tests.oracles.ray_casting import disc_range
 
 BEAMS, RATE, TURN = 360, 10.0, 0.2
 """Beams, scans per second, and rad/s that the sensor turns at."""
@@ -117,6 +116,15 @@ def stand(people: Sequence[Walk], first: float, last: float) -> Array:
     return np.asarray(places[int(away.argmin())])
 
 
+def ranges_to_disc(origin: Array, unit: Array, centre: Array) -> Array:
+    """Distance to a person's disc along rays, (B,), m; infinite where they miss it."""
+    away = centre - origin
+    along = (away * unit).sum(axis=-1)
+    squared = RADIUS**2 - ((away**2).sum(axis=-1) - along**2)
+    found = along - np.sqrt(np.maximum(squared, 0.0))
+    return np.where((squared >= 0.0) & (found > 0.0), found, np.inf)
+
+
 def looks(recording: Recording, seconds: float, rng: np.random.Generator) -> Iterator[Look]:
     """Yield the scans of the busiest stretch of a recording."""
     people = walks(recording)
@@ -133,7 +141,7 @@ def looks(recording: Recording, seconds: float, rng: np.random.Generator) -> Ite
         there = [one for one in here if one.first <= times[0] and now <= one.last]
         ranges = np.full((len(there) + 1, BEAMS), np.inf)
         for row, one in enumerate(there):
-            ranges[row] = disc_range(poses[:, :2], unit, one.spline(times), RADIUS)
+            ranges[row] = ranges_to_disc(place, unit, one.spline(times))
         who, nearest = ranges.argmin(axis=0), ranges.min(axis=0)
         nearest = nearest + DEVIATION * rng.standard_normal(BEAMS)
         nearest[rng.random(BEAMS) < LOST] = np.nan

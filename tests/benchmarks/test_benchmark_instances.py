@@ -7,6 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.framework import names
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
@@ -14,7 +15,6 @@ from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.plugins.config import build
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
-from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "tests" / "data" / "mpc_instances.npz"

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import Instance
 from wideberth.framework.values.plan import Status
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.solvers.ipopt import Ipopt
-from wideberth.tests.oracles.recorded_instances import Instance
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "tests" / "data" / "mpc_instances.npz"

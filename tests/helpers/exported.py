@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from wideberth.benchmarks.recorded_instances import read_instances
 from wideberth.experiments.cli.export import solver, subject
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.paper import Paper
@@ -30,7 +31,6 @@ from wideberth.solvers.export.subject import Subject
 from wideberth.solvers.riccati import objects
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble, kinds
-from wideberth.tests.oracles.recorded_instances import read_instances
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ROOT / "tests" / "data" / "c"

@@ -187,6 +187,17 @@ def test_no_file_stands_in_a_circle_of_imports() -> None:
     assert not found, f"these files import each other: {found}"
 
 
+def test_benchmarks_import_nothing_of_tests() -> None:
+    """Tests may import benchmarks; one of these still runs a helper of the tests."""
+    files = sorted((ROOT / "benchmarks").glob("*.py"))
+    found = {
+        path.name
+        for path in files
+        if any(name.startswith("wideberth.tests") for name in imported(path))
+    }
+    assert files and found == {"exported.py"}
+
+
 def test_circles_are_found() -> None:
     graph = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": {"f"}, "f": {"e"}}
     assert sorted(map(sorted, circles(graph))) == [["a", "b", "c"], ["e", "f"]]

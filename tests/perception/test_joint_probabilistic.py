@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.joint_probabilistic import JointProbabilistic
 from wideberth.framework.tracker import Tracker
 from wideberth.framework.values.sensing import Sightings
 from wideberth.metrics.tracking import TrackScores, track_scores
 from wideberth.perception.tracking.nearest import Nearest
-from wideberth.tests.oracles.joint_probabilistic import JointProbabilistic
 
 pytest.importorskip("stonesoup", reason="compares with Stone Soup, of the extra bench")
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
@@ -31,7 +32,6 @@ from wideberth.solvers.riccati._protocol import OUTCOME, SETTING
 from wideberth.solvers.riccati.live import RiccatiLive
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble
-from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 ROBOT = Unicycle()

@@ -5,6 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import (
+    Instance,
+    read_instances,
+    worst_violation,
+)
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.planner.verify import violation
@@ -15,11 +20,6 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import assemble, slots_of
-from wideberth.tests.oracles.recorded_instances import (
-    Instance,
-    read_instances,
-    worst_violation,
-)
 
 SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 PAPER_TAIL = float(np.exp(-5.991 / 2))

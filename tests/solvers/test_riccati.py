@@ -9,6 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import (
+    Instance,
+    read_instances,
+    worst_violation,
+)
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -32,11 +37,6 @@ from wideberth.solvers.ipopt import Ipopt
 from wideberth.solvers.riccati._protocol import SETTING
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble, slots_of
-from wideberth.tests.oracles.recorded_instances import (
-    Instance,
-    read_instances,
-    worst_violation,
-)
 
 SAMPLE = File(__file__).parents[1] / "data" / "mpc_instances.npz"
 PAPER = Paper(tail=float(np.exp(-5.991 / 2)))

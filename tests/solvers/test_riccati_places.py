@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.values.arrays import Array
@@ -25,7 +26,6 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble
-from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 REPEATS = 400

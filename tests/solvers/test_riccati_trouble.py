@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
@@ -37,7 +38,6 @@ from wideberth.solvers.riccati import compiled
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.solvers.riccati.workspace import run_all
 from wideberth.tests.helpers.problems import assemble, slots_of
-from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = File(__file__).parents[1] / "data" / "mpc_instances.npz"
 KEPT = 1e-6

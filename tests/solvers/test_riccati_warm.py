@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.ocp.transcription import Guess, Multipliers
@@ -18,7 +19,6 @@ from wideberth.regions.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble, with_auxiliaries
-from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 REGIONS = (MahalanobisEllipse(), MinkowskiSum(), SeparatingLine())

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.experiments.engine.shipped_configs import CONFIGS
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Problem
@@ -24,7 +25,6 @@ from wideberth.solvers.ipopt import Ipopt
 from wideberth.solvers.riccati import solver as riccati
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble
-from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 SOLVERS = [Ipopt(), Ipopt(graph="mx"), Fatrop(), Riccati()]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.recorded_instances import read_instances, worst_violation
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -36,7 +37,6 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
-from wideberth.tests.oracles.recorded_instances import read_instances, worst_violation
 
 SAMPLE = File(__file__).parents[2] / "data" / "mpc_instances.npz"
 ROBOTS = [build("robots", name) for name in names("robots")]

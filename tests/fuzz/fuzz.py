@@ -1,8 +1,8 @@
 """Absurd input for everything that is called in a control loop, and for configs.
 
-    python benchmarks/fuzz.py                          # make fuzz
-    python benchmarks/fuzz.py --only planner.12.3      # one case again, call by call
-    python benchmarks/fuzz.py --quick --out DIR
+    python tests/fuzz/fuzz.py                          # make fuzz
+    python tests/fuzz/fuzz.py --only planner.12.3      # one case again, call by call
+    python tests/fuzz/fuzz.py --quick --out DIR
 
 See benchmarks/README.md for what is counted.
 """

@@ -17,8 +17,7 @@ from wideberth.framework.plugins.io import read_table
 @pytest.fixture
 def fuzz(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Stand where the script stands: it imports its neighbours by their plain names."""
-    folder = Path(__file__).resolve().parents[2] / "benchmarks"
-    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # set where the run is imported
         monkeypatch.setenv(name, "1")
     return import_module("fuzz")

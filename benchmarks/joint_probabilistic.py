@@ -44,7 +44,7 @@ class JointProbabilistic(Tracker):
     acceleration_density, speed, needed, window, memory : those of `nearest`.
     found : probability that an obstacle gives a sighting.
     gate : probability that its sighting is within the gate.
-    clutter : sightings of nobody per m^2.
+    clutter : sightings of no one per m^2.
     """
 
     acceleration_density: float = 0.2
