@@ -15,6 +15,7 @@ from ...framework.values.errors import WideberthError
 from .example import data, example
 from .header import constants, flat_source, header, stage_source
 from .readme import readme
+from .rendering import rendered
 from .routines import c_code
 from .subject import Subject
 
@@ -22,26 +23,6 @@ KIND = "export"
 VERSION = 1
 MANIFEST = "manifest.json"
 
-_MAKEFILE = """\
-CC ?= cc
-CFLAGS ?= -O1 -std=c99 -Wall -Wextra -pedantic
-OBJECTS = wideberth.o stage_functions.o wideberth_nlp.o nlp_functions.o
-
-check: example
-	./example
-
-example: example.o $(OBJECTS)
-	$(CC) $(CFLAGS) -o $@ example.o $(OBJECTS) -lm
-
-example.o: example.c example_data.h wideberth.h
-wideberth.o: wideberth.c wideberth.h
-wideberth_nlp.o: wideberth_nlp.c wideberth.h
-
-clean:
-	rm -f example *.o
-
-.PHONY: check clean
-"""
 _BUILT = ("example", "example.o", "wideberth.o", "stage_functions.o", "wideberth_nlp.o",
           "nlp_functions.o", "loop", "loop_cpp", "wideberth_solver.o")  # fmt: skip
 """What ``make`` leaves in the folder of an export."""
@@ -63,7 +44,7 @@ def bundle(subject: Subject) -> dict[str, str]:
         "nlp_functions.c": c_code(subject.flat, "nlp_functions.c"),
         "example.c": example(subject),
         "example_data.h": data(subject),
-        "Makefile": _MAKEFILE,
+        "Makefile": rendered("problem/Makefile"),
     }
     return {**files, MANIFEST: _manifest(subject, [*files])}
 

@@ -65,7 +65,8 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
     programs = (ROOT / "solvers/export/solver/c").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in programs}
-    templates = (ROOT / "experiments/report/templates").iterdir()
+    templates = [*(ROOT / "experiments/report/templates").iterdir()]
+    templates += (ROOT / "solvers/export/templates").glob("*/*")
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in templates}
     assert wanted <= names
     assert f"wideberth-{wideberth.__version__}.dist-info/METADATA" in names

@@ -6,34 +6,13 @@ from importlib.resources import files as resources
 from .... import __version__
 from ....framework.plugins.io import stamped
 from ..bundle import KIND, MANIFEST, VERSION
+from ..readme import regions, wrapped
+from ..rendering import rendered
 from .header import header
 from .needs import ExportedSolver, memory, stack
-from .readme import readme
 from .tables import tables
 
 ARCHIVE = "libwideberth.a"
-_MAKEFILE = """\
-CC ?= cc
-CXX ?= c++
-CFLAGS ?= -O2 -Wall -Wextra
-CXXFLAGS ?= $(CFLAGS)
-
-loops: {loops}
-
-loop: loop.c wideberth_solver.o
-	$(CC) $(CFLAGS) -o $@ loop.c wideberth_solver.o libwideberth.a -lm
-
-loop_cpp: loop.cpp wideberth_solver.o
-	$(CXX) $(CXXFLAGS) -o $@ loop.cpp wideberth_solver.o libwideberth.a -lm
-
-wideberth_solver.o: wideberth_solver.c wideberth_solver.h wideberth_tables.h
-	$(CC) $(CFLAGS) -c wideberth_solver.c
-
-clean:
-	rm -f loop loop_cpp *.o
-
-.PHONY: loops clean
-"""
 
 
 def bundle(solver: ExportedSolver) -> dict[str, str | bytes]:
@@ -45,12 +24,14 @@ def bundle(solver: ExportedSolver) -> dict[str, str | bytes]:
     """
     shown = has_example(solver)
     found: dict[str, str | bytes] = {
-        "README.md": readme(solver),
+        "README.md": _readme(solver),
         "wideberth_solver.h": header(solver),
         "wideberth_solver.c": _source("wideberth_solver.c"),
         "wideberth_tables.h": tables(solver),
         ARCHIVE: solver.native.archive(),
-        "Makefile": _MAKEFILE.format(loops="loop loop_cpp" if shown else "wideberth_solver.o"),
+        "Makefile": rendered(
+            "solver/Makefile", loops="loop loop_cpp" if shown else "wideberth_solver.o"
+        ),
     }
     if shown:
         found |= {name: _source(name) for name in ("loop.c", "loop.cpp")}
@@ -65,6 +46,22 @@ def has_example(solver: ExportedSolver) -> bool:
         problem.dimension == 2 and not problem.curve and first.name == "obstacle"
         and first.count > 0 and native.filled[0]
     )  # fmt: skip
+
+
+def _readme(solver: ExportedSolver) -> str:
+    native = solver.native
+    return wrapped(
+        "solver/README.md",
+        source=native.subject.source,
+        problem=native.subject.problem,
+        machine=native.machine.name,
+        memory=memory(solver),
+        stack=stack(solver),
+        called=", ".join(f"`{name}`" for name in native.called),
+        iterations=solver.settings.iterations,
+        cost=type(native.subject.cost).__name__,
+        regions="\n\n".join(regions(native.subject)),
+    )
 
 
 def _source(name: str) -> str:

@@ -11,6 +11,7 @@ from ....framework.values.arrays import Array
 from ...riccati import _protocol as protocol
 from ...riccati.compiled import CompiledSlots
 from ..layout import number
+from ..rendering import rendered
 from .native import PREFIX
 from .needs import ExportedSolver, table_words
 
@@ -20,21 +21,19 @@ _NOTHING = "work->nothing"
 def tables(solver: ExportedSolver) -> str:
     """Return the text of wideberth_tables.h."""
     native = solver.native
-    names = [PREFIX + name for name in (*native.kernels.functions, *native.around)]
-    lines = [
-        "/* Made by wideberth; wideberth_solver.c alone includes it. */",
-        f"wideberth_kernel {_joined(names)};",
-        "",
-        *(f"#define WIDEBERTH_{name} {value}" for name, value in _constants(solver).items()),
-        "",
-        *_fixed(solver),
-        *_kinds(solver),
-        *_structure(solver),
-        "",
-        "#define WIDEBERTH_ROWS \\",
-        " \\\n".join(f"    ROW({_joined(row)});" for row in rows(solver)),
-    ]
-    return "\n".join(lines) + "\n"
+    return rendered(
+        "solver/wideberth_tables.h",
+        kernels=[PREFIX + name for name in (*native.kernels.functions, *native.around)],
+        constants=_constants(solver),
+        fixed=_fixed(solver),
+        limits=native.kernels.limits(),
+        kinds=_kinds(solver),
+        own=[_kind(solver, k, one) for k, one in enumerate(native.subject.problem.slots)],
+        words=table_words(solver),
+        settings=len(protocol.Settings._fields),
+        numbers=len(protocol.Numbers._fields),
+        rows=rows(solver),
+    )
 
 
 def _constants(solver: ExportedSolver) -> dict[str, Any]:
@@ -59,44 +58,20 @@ def _fixed(solver: ExportedSolver) -> list[str]:
     made, subject = solver.native.kernels, solver.native.subject
     settings = solver.settings.settings_for(subject.problem, subject.guess)
     slots = list(chain.from_iterable(made.kinds))
-    limits = made.limits()
     return [
         _array("wideberth_kernel *const PLAIN_KERNELS", _kernels(protocol.Kernels._fields)),
         _array("wideberth_kernel *const SLOT_KERNELS", _kernels(slots)),
         _array("const int64_t SIZES", list(map(int, made.sizes()))),
         _array("const double SETTINGS", list(map(number, settings))),
-        f"static const double LIMITS[2][{limits.shape[1]}] = {{",
-        *(f"    {{{_joined(map(number, row))}}}," for row in limits),
-        "};",
     ]
 
 
 def _kinds(solver: ExportedSolver) -> list[str]:
-    """Arrays of the slots that do not change, and what each kind is."""
+    """Arrays of the slots that do not change."""
     slots = solver.native.subject.problem.slots
     return [
         *(line for k in range(len(solver.native.kernels.kinds)) for line in _core_kind(solver, k)),
         *(line for k, one in enumerate(slots) for line in _own(solver, k, one)),
-        "static const struct kind KINDS[WIDEBERTH_KINDS] = {",
-        *(f"    {{{_kind(solver, k, one)}}}," for k, one in enumerate(slots)),
-        "};",
-        "",
-    ]
-
-
-def _structure(solver: ExportedSolver) -> list[str]:
-    """Declare what `wideberth_solver.c` writes into the caller's memory."""
-    settings, numbers = len(protocol.Settings._fields), len(protocol.Numbers._fields)
-    return [
-        "struct work {",
-        f"    int64_t table[{table_words(solver)}];",
-        "    int64_t kernels[WIDEBERTH_PLAIN_KERNELS], slot_kernels[WIDEBERTH_SLOT_KERNELS];",
-        f"    double settings[{settings}], numbers[{numbers}];",
-        "    double nothing[2];",
-        "    double states[WIDEBERTH_HORIZON + 1][WIDEBERTH_STATES];",
-        "};",
-        "",
-        "typedef char wideberth_work_fits[sizeof(struct work) <= WIDEBERTH_WORK ? 1 : -1];",
     ]
 
 
