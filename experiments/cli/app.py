@@ -11,6 +11,7 @@ from textwrap import indent
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from ...framework.plugins.io import expanded
 from ...framework.values.errors import WideberthError
@@ -30,38 +31,36 @@ app: typer.Typer = typer.Typer(
 
 Config = Annotated[
     str,
-    typer.Argument(
+    Argument(
         help="A YAML file, or the name of a shipped config.", autocompletion=completing.configs
     ),
 ]
 Set = Annotated[
-    list[str] | None, typer.Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
+    list[str] | None, Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
 ]
 SetPlugin = Annotated[
     list[str] | None,
-    typer.Option("--set", help="KEY=VALUE of the plug-in, as in base.window=2; repeatable."),
+    Option("--set", help="KEY=VALUE of the plug-in, as in base.window=2; repeatable."),
 ]
 KeptEpisode = Annotated[
     str,
-    typer.Argument(
+    Argument(
         help="An episode (files/*.npz), a result's folder, or its config's name.",
         autocompletion=completing.results,
     ),
 ]
-Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NAME by default.")]
-Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
-Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Remove the files of an older result first.")]
+Out = Annotated[Path | None, Option(help="Folder of the result; results/NAME by default.")]
+Workers = Annotated[int, Option(help="Processes; the result does not depend on it.")]
+Quick = Annotated[bool, Option("--quick", help="A reduced version, in seconds.")]
+Fresh = Annotated[bool, Option("--fresh", help="Remove the files of an older result first.")]
 SchedulerAddress = Annotated[
     str | None,
-    typer.Option(help="tcp://HOST:PORT or tls://HOST:PORT of a Dask cluster that does the work."),
+    Option(help="tcp://HOST:PORT or tls://HOST:PORT of a Dask cluster that does the work."),
 ]
-TlsCa = Annotated[
-    Path | None, typer.Option(help="PEM file: who signs the cluster's certificates.")
-]
-TlsCert = Annotated[Path | None, typer.Option(help="PEM file: our certificate for the cluster.")]
-TlsKey = Annotated[Path | None, typer.Option(help="PEM file: its key, if not in the same file.")]
-Parquet = Annotated[bool, typer.Option("--parquet", help="Write table.parquet beside table.csv.")]
+TlsCa = Annotated[Path | None, Option(help="PEM file: who signs the cluster's certificates.")]
+TlsCert = Annotated[Path | None, Option(help="PEM file: our certificate for the cluster.")]
+TlsKey = Annotated[Path | None, Option(help="PEM file: its key, if not in the same file.")]
+Parquet = Annotated[bool, Option("--parquet", help="Write table.parquet beside table.csv.")]
 
 RESULTS = Path("results")
 """Folder of all results that no other is stated for."""
@@ -79,9 +78,7 @@ def _print_version(asked: bool) -> None:
 def options(
     version: Annotated[
         bool,
-        typer.Option(
-            "--version", help="Print the version.", callback=_print_version, is_eager=True
-        ),
+        Option("--version", help="Print the version.", callback=_print_version, is_eager=True),
     ] = False,
 ) -> None:
     """Offer what stands before any command."""
@@ -108,13 +105,13 @@ def run(
     workers: Workers = 1,
     quick: Quick = False,
     fresh: Fresh = False,
-    no_figures: Annotated[bool, typer.Option("--no-figures", help="Table only.")] = False,
+    no_figures: Annotated[bool, Option("--no-figures", help="Table only.")] = False,
     scheduler: SchedulerAddress = None,
     tls_ca: TlsCa = None,
     tls_cert: TlsCert = None,
     tls_key: TlsKey = None,
     parquet: Parquet = False,
-    watch: Annotated[bool, typer.Option("--watch", help="Show episodes in a window.")] = False,
+    watch: Annotated[bool, Option("--watch", help="Show episodes in a window.")] = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
     from ..engine import parquet_table
@@ -210,7 +207,7 @@ def _show(folder: Path, every: bool = False) -> None:
 @app.command()
 def figures(
     results: Annotated[
-        list[str] | None, typer.Argument(help="Result folders or names of shipped configs.")
+        list[str] | None, Argument(help="Result folders or names of shipped configs.")
     ] = None,
     workers: Workers = 1,
 ) -> None:
@@ -238,7 +235,7 @@ def figures(
 def list_(
     room: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="predictors, regions, robots, ..., or configs; every room by default.",
             autocompletion=completing.rooms,
         ),
@@ -265,7 +262,7 @@ def list_(
 def describe(
     what: Annotated[
         list[str],
-        typer.Argument(
+        Argument(
             help="A name, a room and a name, a config, or module:Class.",
             autocompletion=completing.described,
         ),
@@ -282,13 +279,13 @@ def describe(
 def check(
     room: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="predictor, region, static_region, robot, ...", autocompletion=completing.rooms
         ),
     ],
     target: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="A name, module:Class, a YAML file, or a saved JSON file.",
             autocompletion=completing.plug_ins,
         ),
@@ -296,7 +293,7 @@ def check(
     set_: SetPlugin = None,
     dimensions: Annotated[
         list[int] | None,
-        typer.Option(help="2 or 3; repeatable. Of predictors and regions; all by default."),
+        Option(help="2 or 3; repeatable. Of predictors and regions; all by default."),
     ] = None,
 ) -> None:
     """Check that a plug-in keeps the laws of its room, one line per law."""
@@ -350,22 +347,20 @@ def _kept_in(kind: str, plugin: Any, broken: Collection[str]) -> int:
 def fit(
     predictor: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="A name, module:Class, a YAML file, or a saved JSON file.",
             autocompletion=completing.predictors,
         ),
     ],
     recordings: Annotated[
         list[str],
-        typer.Argument(
-            help="Text files (`frame id x y` or `time x y theta`) or folders of *.txt."
-        ),
+        Argument(help="Text files (`frame id x y` or `time x y theta`) or folders of *.txt."),
     ],
-    dt: Annotated[float, typer.Option(help="Seconds between rows of the tracks.")],
-    out: Annotated[Path, typer.Option(help="JSON file of the fitted predictor.")],
+    dt: Annotated[float, Option(help="Seconds between rows of the tracks.")],
+    out: Annotated[Path, Option(help="JSON file of the fitted predictor.")],
     noise: Annotated[
         float | None,
-        typer.Option(help="Metres, deviation of a measured position; estimated if not stated."),
+        Option(help="Metres, deviation of a measured position; estimated if not stated."),
     ] = None,
     set_: SetPlugin = None,
 ) -> None:
@@ -393,27 +388,26 @@ def fit(
 def show(
     result: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="Folder of a result, or the name of its config; or the word config.",
             autocompletion=completing.results,
         ),
     ],
     name: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             help="After the word config: the shipped config to print.",
             autocompletion=completing.shipped_configs,
         ),
     ] = None,
     columns: Annotated[
-        str,
-        typer.Option(help="Only these, as in planner,clearance_min_m; `all` for every column."),
+        str, Option(help="Only these, as in planner,clearance_min_m; `all` for every column.")
     ] = "",
     pivot: Annotated[
-        str, typer.Option(help="LINES,COLUMNS,MEASURE, as in predictor,region,clearance_min_m.")
+        str, Option(help="LINES,COLUMNS,MEASURE, as in predictor,region,clearance_min_m.")
     ] = "",
-    latex: Annotated[bool, typer.Option("--latex", help="As a tabular with booktabs.")] = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="As Markdown.")] = False,
+    latex: Annotated[bool, Option("--latex", help="As a tabular with booktabs.")] = False,
+    markdown: Annotated[bool, Option("--markdown", help="As Markdown.")] = False,
 ) -> None:
     """Show a result (claim, table, files), a part of its tables, or a shipped config's YAML.
 
@@ -488,9 +482,9 @@ def _mean_config(word: str) -> None:
 @app.command(no_args_is_help=True)
 def explain(
     target: Annotated[
-        Path, typer.Argument(help="A recorded solve (.json or .npz), or a folder of them.")
+        Path, Argument(help="A recorded solve (.json or .npz), or a folder of them.")
     ],
-    solver: Annotated[str | None, typer.Option(help="Solve again with this one.")] = None,
+    solver: Annotated[str | None, Option(help="Solve again with this one.")] = None,
 ) -> None:
     """Say why a recorded solve failed or was slow, and solve it again."""
     from ..engine.progress import working
@@ -551,7 +545,7 @@ def cite(config: Config, set_: Set = None) -> None:
 
 @app.command()
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "demo",
+    out: Annotated[Path, Option(help="Folder of the results.")] = RESULTS / "demo",
     workers: Workers = 1,
 ) -> None:
     """Run the paper's scenarios and figures in a quick setting."""
@@ -584,27 +578,27 @@ def warmup() -> None:
 @app.command(no_args_is_help=True)
 def export(
     config: Config,
-    out: Annotated[Path, typer.Option(help="Folder of the C files; it must not exist yet.")],
+    out: Annotated[Path, Option(help="Folder of the C files; it must not exist yet.")],
     planner: Annotated[
-        str | None, typer.Option(help="Which of the config's planners; the first by default.")
+        str | None, Option(help="Which of the config's planners; the first by default.")
     ] = None,
-    obstacles: Annotated[int, typer.Option(help="Slots for obstacles.")] = 5,
+    obstacles: Annotated[int, Option(help="Slots for obstacles.")] = 5,
     polygons: Annotated[
-        int | None, typer.Option(help="Slots for polygons; 5 where the planner minds them.")
+        int | None, Option(help="Slots for polygons; 5 where the planner minds them.")
     ] = None,
-    corners: Annotated[int, typer.Option(help="Vertices that a polygon may have.")] = 4,
+    corners: Annotated[int, Option(help="Vertices that a polygon may have.")] = 4,
     solver: Annotated[
-        bool, typer.Option("--solver", help="The solver as object code, not the problem in C.")
+        bool, Option("--solver", help="The solver as object code, not the problem in C.")
     ] = False,
     target: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Of --solver: native (this processor, the default), linux-x86_64-v3 or "
             "linux-aarch64."
         ),
     ] = None,
     set_: Set = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an older export.")] = False,
+    force: Annotated[bool, Option("--force", help="Replace an older export.")] = False,
 ) -> None:
     """Write the planner's problem as C, or its solver as object code, each with an example."""
     from ...solvers.export.solver.native import NATIVE
@@ -633,10 +627,10 @@ def export(
 @app.command(no_args_is_help=True)
 def report(
     results: Annotated[
-        list[str], typer.Argument(help="Folders of results, or the names of their configs.")
+        list[str], Argument(help="Folders of results, or the names of their configs.")
     ],
     out: Annotated[
-        Path, typer.Option(help="HTML file; the Markdown tables are written beside it.")
+        Path, Option(help="HTML file; the Markdown tables are written beside it.")
     ] = Path("report.html"),
 ) -> None:
     """Write results as one page that needs nothing else, and as Markdown tables."""
@@ -665,14 +659,12 @@ def _kept_episodes(episode: str, done: str) -> tuple[Path, list[Path]]:
 @app.command(no_args_is_help=True)
 def play(
     episode: KeptEpisode,
-    out: Annotated[
-        Path | None, typer.Option(help="HTML file; the episode's name by default.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="HTML file; the episode's name by default.")] = None,
     tail: Annotated[
         float | None,
-        typer.Option(help="1 - content of the regions; that of the result by default, else 0.05."),
+        Option(help="1 - content of the regions; that of the result by default, else 0.05."),
     ] = None,
-    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open it in a browser.")] = True,
+    open_: Annotated[bool, Option("--open/--no-open", help="Open it in a browser.")] = True,
 ) -> None:
     """Step through an episode with plans, forecasts and regions, in a browser."""
     import webbrowser
@@ -693,7 +685,7 @@ def play(
 def film(
     episode: KeptEpisode,
     out: Annotated[
-        Path | None, typer.Option(help=".gif, or .mp4 with ffmpeg; NAME.gif by default.")
+        Path | None, Option(help=".gif, or .mp4 with ffmpeg; NAME.gif by default.")
     ] = None,
 ) -> None:
     """Film an episode in space, drawn by MuJoCo; from above where that cannot be."""
@@ -717,11 +709,11 @@ def film(
 @app.command(no_args_is_help=True)
 def nav2(
     file: Annotated[
-        str, typer.Argument(help="nav2_params.yaml, or a config of ours (a file or a name).")
+        str, Argument(help="nav2_params.yaml, or a config of ours (a file or a name).")
     ],
-    out: Annotated[Path, typer.Option(help="The other file; it must not exist yet.")],
+    out: Annotated[Path, Option(help="The other file; it must not exist yet.")],
     planner: Annotated[
-        str | None, typer.Option(help="Of a config of ours: which of its planners.")
+        str | None, Option(help="Of a config of ours: which of its planners.")
     ] = None,
 ) -> None:
     """Turn nav2_params.yaml into a config of ours, or a config into nav2_params.yaml."""
@@ -745,13 +737,13 @@ def nav2(
 
 @app.command(no_args_is_help=True)
 def node(
-    file: Annotated[str, typer.Argument(help="A YAML file with `planner` and `node`.")],
+    file: Annotated[str, Argument(help="A YAML file with `planner` and `node`.")],
     set_: Set = None,
     seconds: Annotated[
-        float | None, typer.Option(help="After which it stops; endless by default.")
+        float | None, Option(help="After which it stops; endless by default.")
     ] = None,
     follow_path: Annotated[
-        bool, typer.Option("--follow-path", help="Serve Nav2's action FollowPath; needs ROS 2.")
+        bool, Option("--follow-path", help="Serve Nav2's action FollowPath; needs ROS 2.")
     ] = False,
 ) -> None:
     """Drive a robot of ROS 2 on the network, without ROS."""
@@ -770,11 +762,11 @@ def bag(
     episode: KeptEpisode,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder, which must not exist yet; the episode's name by default."),
+        Option(help="Folder, which must not exist yet; the episode's name by default."),
     ] = None,
-    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+    storage: Annotated[str, Option(help="mcap or sqlite3.")] = "mcap",
     distribution: Annotated[
-        str, typer.Option(help="Of ROS 2: humble, jazzy, kilted or lyrical.")
+        str, Option(help="Of ROS 2: humble, jazzy, kilted or lyrical.")
     ] = "jazzy",
 ) -> None:
     """Write an episode as a recording of ROS 2, for RViz and Foxglove."""

@@ -1,12 +1,11 @@
 """From a config to the planner's problem as C, with an instance that the planner itself made."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from ...framework.controller import Controller
 from ...framework.mpc.costs.base import ProgressCost
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
 from ...framework.mpc.ocp.progress_robot import progress_robot_of
@@ -33,6 +32,7 @@ from ...solvers.export.solver.needs import ExportedSolver as ExportedSolver
 from ...solvers.export.subject import Subject
 from ...solvers.riccati.solver import Riccati
 from ..engine.base import Experiment
+from ..engine.closed_loop import controllers_of
 from ..engine.shipped_configs import config_path, read_experiment
 
 RADIUS = 0.3
@@ -141,13 +141,8 @@ def _aim(planner: Planner, kind: SlotKind, slots: Slots) -> Array | None:
 
 def planners(experiment: Experiment) -> dict[str, Planner]:
     """Return the planners of a config by name: the key in a mapping, else the field's name."""
-    found: dict[str, Planner] = {}
-    for entry in fields(experiment):  # type: ignore[arg-type]  # every plug-in is a dataclass
-        value = getattr(experiment, entry.name)
-        some = value if isinstance(value, Mapping) else {entry.name: value}
-        planned = {str(key): one for key, one in some.items() if isinstance(one, Controller)}
-        found |= {key: own for key, one in planned.items() if (own := planner_behind(one))}
-    return found
+    known = controllers_of(experiment)
+    return {key: own for key, one in known.items() if (own := planner_behind(one))}
 
 
 def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subject:

@@ -1,12 +1,12 @@
 """Nav2's parameter files as configs of ours, and back."""
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ...framework.controller import Controller, DrivesRobot
+from ...framework.controller import DrivesRobot
 from ...framework.mpc.planner.recommended import HEADROOM, recommended
 from ...framework.plugins.config import describe
 from ...framework.plugins.yamlfile import dump, read_config
@@ -16,7 +16,7 @@ from ...nav2.server.navigator import Nav2, limits_of
 from ...nav2.server.params_text import params_text
 from ...nav2.server.settings import LoopSettings
 from ...robots import Unicycle
-from ..engine.base import Experiment
+from ..engine.closed_loop import controllers_of
 from ..engine.shipped_configs import config_path, read_experiment
 
 AROUND = "replay"
@@ -98,7 +98,7 @@ def params_of(config: str, planner: str | None = None) -> str:
     WideberthError : no such config or planner.
     """
     experiment, _ = read_experiment(config, [])
-    found = _controllers(experiment)
+    found = controllers_of(experiment)
     if not found:
         raise WideberthError(f"{config} has no planner; wanted a config with a controller")
     first = next((name for name, one in found.items() if isinstance(one, Nav2)), next(iter(found)))
@@ -117,13 +117,3 @@ def params_of(config: str, planner: str | None = None) -> str:
     settings = LoopSettings().within(limits_of(robot))
     rate = 1.0 / chosen.period
     return params_text(replace(settings, robot_radius=robot.radius, controller_frequency=rate))
-
-
-def _controllers(experiment: Experiment) -> dict[str, Controller]:
-    """Return the controllers of a config by name: the key in a mapping, else the field's name."""
-    found: dict[str, Controller] = {}
-    for entry in fields(experiment):  # type: ignore[arg-type]  # every plug-in is a dataclass
-        value = getattr(experiment, entry.name)
-        some = value if isinstance(value, Mapping) else {entry.name: value}
-        found |= {str(key): one for key, one in some.items() if isinstance(one, Controller)}
-    return found

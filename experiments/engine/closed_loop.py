@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.avoidable import avoidable
 from ...simulation.measures.summary import summarise, time_rows
 from ...simulation.scenarios.base import Cast, Scenario
-from .base import Row, Task, TaskOutcome
+from .base import Experiment, Row, Task, TaskOutcome
 from .errors import as_user_error
 
 LOG = logging.getLogger("wideberth.experiments")
@@ -53,6 +54,16 @@ def could_avoid(
     robots = [one.agent(robot, controller, truth=False) for one in cast.placements]
     agents = [*robots, *cast.people]
     return {**avoidable(episode, agents, settings, cast.bystanders, (), cast.polygons)}
+
+
+def controllers_of(experiment: Experiment) -> dict[str, Controller]:
+    """Return the controllers of a config by name: the key in a mapping, else the field's name."""
+    found: dict[str, Controller] = {}
+    for entry in fields(experiment):  # type: ignore[arg-type]  # every plug-in is a dataclass
+        value = getattr(experiment, entry.name)
+        some = value if isinstance(value, Mapping) else {entry.name: value}
+        found |= {str(key): one for key, one in some.items() if isinstance(one, Controller)}
+    return found
 
 
 def check_starts(

@@ -12,14 +12,7 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .meanings import shares
 from .result import Row, need_frames
-from .text_tables import (
-    columns_of,
-    format_cell,
-    headed,
-    in_per_cent,
-    main_columns,
-    markdown_table,
-)
+from .text_tables import columns_of, format_cell, headed, in_per_cent, main_columns, markdown_table
 
 
 @dataclass(frozen=True)

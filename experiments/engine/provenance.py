@@ -50,7 +50,7 @@ def fingerprint(others: Sequence[Path] = ()) -> str:
     digest = _own_source().copy()
     for path in others:
         digest.update(path.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
+    return str(digest.hexdigest()[:16])
 
 
 @cache

@@ -44,14 +44,7 @@ from .result_folder import (
     remove_files,
     remove_task,
 )
-from .tasks import (
-    TASKS,
-    checked_tasks,
-    read_task,
-    task_folders,
-    task_keys,
-    write_task,
-)
+from .tasks import TASKS, checked_tasks, read_task, task_folders, task_keys, write_task
 from .text_tables import markdown_table
 from .worker import measured, pack_job
 

@@ -15,13 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ...framework.plugins.io import (
-    parse_json,
-    read_text,
-    stamped,
-    table_text,
-    unstamped,
-)
+from ...framework.plugins.io import parse_json, read_text, stamped, table_text, unstamped
 from ...framework.values.errors import WideberthError, short
 from .base import Row, Task, TaskOutcome
 

@@ -25,7 +25,7 @@ from ...simulation.log.episode_log import AgentLog, Episode
 from ..drawing.kept_out import kept_out_of, region_name
 from ..drawing.plotting import COLOURS
 from ..engine.base import Task
-from ..engine.closed_loop import KEPT_BY, log_name
+from ..engine.closed_loop import KEPT_BY, controllers_of, log_name
 from ..engine.errors import as_user_error
 from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopen
@@ -532,11 +532,10 @@ def _origin(path: Path) -> _Origin:
             place, task = next((i, one) for i, one in named if log_name(one) == path.name)
     except (WideberthError, StopIteration):
         return _Origin()
-    for label, room in (("controller", "controllers"), ("planner", "planners")):
-        found = planner_behind(getattr(experiment, room, {}).get(task.settings.get(label)))
-        if found is not None:
-            return _Origin(task, place, found)
-    return _Origin(task, place)
+    names = [task.settings.get(label) for label in ("controller", "planner")]
+    known = controllers_of(experiment)
+    found = (planner_behind(known[name]) for name in names if name in known)
+    return _Origin(task, place, next(filter(None, found), None))
 
 
 def spacing(episode: Episode, every: int) -> int:

@@ -217,7 +217,7 @@ def test_help_loads_nothing_heavy() -> None:
         "from wideberth.experiments.cli.app import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "heavy = {'numpy', 'casadi', 'pydantic', 'yaml', 'matplotlib', 'joblib', 'scipy'}\n"
+        "heavy = {'numpy', 'casadi', 'pydantic', 'yaml', 'matplotlib', 'loky', 'jinja2'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
