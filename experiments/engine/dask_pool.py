@@ -114,7 +114,7 @@ class Cluster:
     Raises
     ------
     WideberthError : the extra is missing, the scheduler does not answer or is lost later, or a
-        worker is not the driver's twin.
+        worker has another environment than the driver.
     """
 
     patience = 2  # Dask itself has tried elsewhere, as often as its allowed-failures says

@@ -37,12 +37,12 @@ class Job:
     ----------
     experiment : pickled; opened after the plug-ins are imported.
     plugins : modules to import first.
-    twin : what must be the same in a worker, by its name.
+    environment : what must be the same in a worker, by its name.
     """
 
     experiment: bytes
     plugins: tuple[str, ...]
-    twin: Mapping[str, str | None]
+    environment: Mapping[str, str | None]
 
 
 def pack_job(experiment: Experiment, plugins: Sequence[str]) -> bytes:
@@ -50,10 +50,10 @@ def pack_job(experiment: Experiment, plugins: Sequence[str]) -> bytes:
     import cloudpickle
 
     packed = cloudpickle.dumps(experiment)
-    return pickle.dumps(Job(packed, tuple(plugins), twin(experiment, plugins)))
+    return pickle.dumps(Job(packed, tuple(plugins), environment(experiment, plugins)))
 
 
-def twin(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None]:
+def environment(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None]:
     """Return what must agree between driver and worker for the same task to give the same bytes.
 
     Source of modules is that of their first use in this process: a worker that goes on living
@@ -92,7 +92,7 @@ def open_job(packed: bytes) -> Experiment:
     Raises
     ------
     WideberthError : threads are not pinned, the experiment cannot be built, or the process
-        differs from the driver in what `twin` names.
+        differs from the driver in its `environment`.
     """
     thread_limits.pin()
     if "" not in sys.path:
@@ -106,11 +106,11 @@ def open_job(packed: bytes) -> Experiment:
             f"the experiment cannot be opened ({type(error).__name__}: {error}); its plug-ins "
             "must be importable there"
         ) from error
-    here = twin(experiment, job.plugins)
-    differing = [name for name in {**job.twin, **here} if job.twin.get(name) != here.get(name)]
+    here, wanted = environment(experiment, job.plugins), job.environment
+    differing = [name for name in {**wanted, **here} if wanted.get(name) != here.get(name)]
     if differing:
         named = ", ".join(
-            f"{name} ({here.get(name)} instead of {job.twin.get(name)})" for name in differing
+            f"{name} ({here.get(name)} instead of {wanted.get(name)})" for name in differing
         )
         raise WideberthError(
             f"it differs from the driver in: {named}; install the same there and restart it"
