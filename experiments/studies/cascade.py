@@ -37,7 +37,7 @@ from ..engine.closed_loop import (
 )
 from ..engine.errors import as_user_error
 from .episode_statistics import with_interval
-from .episodes import SeededStudy, check_shown, episode_pictures, figure_name
+from .episodes import VIEW_CAPTION, SeededStudy, check_shown, episode_pictures, figure_name
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
 
 AXES = {
@@ -147,10 +147,7 @@ class CascadeStudy(SeededStudy):
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
     captions: ClassVar[Mapping[str, str]] = {
-        "views_*": (
-            "What each robot planned and kept out of, when the robots came near: a planned "
-            "position and the region of its step have the same shade."
-        ),
+        **VIEW_CAPTION,
         "changes": (
             "What each case changes, at the same seeds: mean difference with its interval of 95 %."
         ),

@@ -11,7 +11,7 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import EPISODE_CAPTIONS, check_starts, inputs_of, log_name
-from .comparison_figures import summary_pictures
+from .comparison_figures import CAPTIONS, summary_pictures
 from .episode_statistics import ANSWERS, SOURCES, against, by_controller, condensed
 from .episodes import SeededStudy, check_robots, check_shown, episode_pictures, measured
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
@@ -54,17 +54,7 @@ class Comparison(SeededStudy):
     )
     reference: ClassVar[str] = SOURCES
     captions: ClassVar[Mapping[str, str]] = {
-        "outcomes": (
-            "Share of the episodes in which each controller arrived, waited too long, stood "
-            "still or touched something."
-        ),
-        "clearance_against_time": (
-            "Least clearance against time to the goals: upper left is better, and hollow "
-            "markers had failures."
-        ),
-        "paired_times": (
-            "Time beyond the baseline's at the seeds at which both arrived: right of 0 is slower."
-        ),
+        **CAPTIONS,
         "trends": "Success, time and clearance over the places that the study compares.",
         **EPISODE_CAPTIONS,
     }

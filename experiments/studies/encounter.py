@@ -8,7 +8,7 @@ from ...framework import Controller
 from ...framework.values.arrays import positive
 from ...simulation.log.episode_log import Episode
 from ..engine.closed_loop import EPISODE_CAPTIONS, condense, group, outcome
-from .episodes import OnePlaceStudy, check_shown, episode_pictures, figure_name
+from .episodes import VIEW_CAPTION, OnePlaceStudy, check_shown, episode_pictures, figure_name
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
 
 
@@ -31,10 +31,7 @@ class Encounter(OnePlaceStudy):
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
     captions: ClassVar[Mapping[str, str]] = {
-        "views_*": (
-            "What each robot planned and kept out of, when the robots came near: a planned "
-            "position and the region of its step have the same shade."
-        ),
+        **VIEW_CAPTION,
         **EPISODE_CAPTIONS,
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")

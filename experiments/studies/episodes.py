@@ -17,6 +17,14 @@ from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import check_starts, could_avoid, inputs_of, outcome, play
 from .grid import GridStudy, Pictures, Task, TaskOutcome
 
+VIEW_CAPTION = {
+    "views_*": (
+        "What each robot planned and kept out of, when the robots came near: a planned "
+        "position and the region of its step have the same shade."
+    ),
+}
+"""Caption of the views of two robots."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SeededStudy(GridStudy):

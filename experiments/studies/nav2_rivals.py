@@ -32,7 +32,7 @@ from ..engine.closed_loop import (
     pick,
 )
 from ..engine.errors import as_user_error
-from .comparison_figures import summary_pictures
+from .comparison_figures import CAPTIONS, summary_pictures
 from .episode_statistics import against, by_controller, condensed, paired
 from .episodes import SeededStudy, check_shown
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
@@ -124,20 +124,10 @@ class Nav2Rivals(SeededStudy):
     )
     reference: ClassVar[str] = "macenski2020marathon,mcnemar1947note,wilcoxon1945individual"
     captions: ClassVar[Mapping[str, str]] = {
-        "outcomes": (
-            "Share of the episodes in which each controller arrived, waited too long, stood "
-            "still or touched something."
-        ),
+        **CAPTIONS,
         "looks_*": (
             "What a controller of Nav2 saw and compared: its local costmap, the trajectories "
             "that it sampled, the one that it expects to drive, and the true discs."
-        ),
-        "clearance_against_time": (
-            "Least clearance against time to the goals: upper left is better, and hollow "
-            "markers had failures."
-        ),
-        "paired_times": (
-            "Time beyond the baseline's at the seeds at which both arrived: right of 0 is slower."
         ),
         **EPISODE_CAPTIONS,
     }

@@ -12,8 +12,6 @@ from ...framework import (
     Controller,
     Detection,
     Observation,
-    Path,
-    Plan,
     Polygon,
     Predictor,
 )
@@ -29,6 +27,7 @@ from ...simulation.engine.plant import Plant
 from ...simulation.engine.settings import Settings
 from ...simulation.engine.world import Around, World
 from ..drawing.looks import CostmapLook
+from .stopwatch import WatchedController
 
 _TRACK_DT, _TRACK_SAMPLES, _FORGET = 0.1, 40, 1.0
 """s between samples of a track; their number; s after which an unseen person is forgotten."""
@@ -133,7 +132,7 @@ def in_sight(seen: Observation, here: Array, view: CostmapView) -> tuple[Detecti
 
 @final
 @dataclass(eq=False)
-class Watched(Controller):
+class Watched(WatchedController):
     """Does what another controller does; notes the processor time and, if asked, what it saw.
 
     Parameters
@@ -148,19 +147,7 @@ class Watched(Controller):
     looks: list[CostmapLook] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        self.period: float = self.controller.period
-
-    def reset(self) -> None:
-        """As the controller; what was noted stays."""
-        self.controller.reset()
-
-    def set_path(self, path: Path) -> None:
-        """As the controller."""
-        self.controller.set_path(path)
-
-    def remember(self, observation: Observation) -> None:
-        """As the controller."""
-        self.controller.remember(observation)
+        self.watched, self.period = self.controller, self.controller.period
 
     def command(self, observation: Observation) -> Command:
         """As the controller; its processor time is noted."""
@@ -171,11 +158,6 @@ class Watched(Controller):
         if self.every and observation.stamp >= last + self.every - 1e-9:
             self._keep(observation.stamp)
         return command
-
-    @property
-    def plan(self) -> Plan | None:
-        """The controller's."""
-        return self.controller.plan
 
     def _keep(self, time: float) -> None:
         if not isinstance(self.controller, Nav2) or self.controller.costmap is None:

@@ -15,9 +15,36 @@ from ...framework.mpc.solver import CheapestSolver, Solution, Solver, solve_chea
 from .variants import planner_of
 
 
+class WatchedController(Controller):
+    """Does what another controller does; what is noted of it is up to `command`."""
+
+    watched: Controller
+
+    @final
+    def reset(self) -> None:
+        """As the controller; what was noted stays."""
+        self.watched.reset()
+
+    @final
+    def set_path(self, path: Path) -> None:
+        """As the controller, which compiles and warms up here."""
+        self.watched.set_path(path)
+
+    @final
+    def remember(self, observation: Observation) -> None:
+        """As the controller."""
+        self.watched.remember(observation)
+
+    @final
+    @property
+    def plan(self) -> Plan | None:
+        """The controller's."""
+        return self.watched.plan
+
+
 @final
 @dataclass(eq=False)
-class Stopwatch(Controller):
+class Stopwatch(WatchedController):
     """Does what a fresh copy of the planner does, and notes the seconds of each solve.
 
     An episode keeps the time of a whole call alone (forecast, reference and re-check
@@ -37,20 +64,8 @@ class Stopwatch(Controller):
     def __post_init__(self) -> None:
         planner = planner_of(fresh(self.planner))
         self._laps: list[float] = []
-        self.planner = replace(planner, solver=_Timed(planner.solver, self._laps))
+        self.watched = self.planner = replace(planner, solver=_Timed(planner.solver, self._laps))
         self.period: float = planner.period
-
-    def reset(self) -> None:
-        """As the planner."""
-        self.planner.reset()
-
-    def set_path(self, path: Path) -> None:
-        """As the planner, which compiles and warms up here."""
-        self.planner.set_path(path)
-
-    def remember(self, observation: Observation) -> None:
-        """As the planner."""
-        self.planner.remember(observation)
 
     def command(self, observation: Observation) -> Command:
         """As the planner."""
@@ -59,11 +74,6 @@ class Stopwatch(Controller):
         if self._laps:
             self.seconds.append(sum(self._laps))
         return command
-
-    @property
-    def plan(self) -> Plan | None:
-        """The planner's."""
-        return self.planner.plan
 
 
 @final
