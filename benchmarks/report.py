@@ -15,8 +15,9 @@ from rich.console import Console
 from rich.table import Table
 from set_ups import HONEST
 
+from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.engine.provenance import provenance
-from wideberth.framework.plugins.io import write_table, write_text
+from wideberth.framework.plugins.io import write_text
 
 
 def write(tables: Tables, head: str, out: Path) -> list[str]:

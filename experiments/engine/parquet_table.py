@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...framework.plugins.extras import from_extra
-from ...framework.plugins.io import read_json, read_table, write_bytes
+from ...framework.plugins.io import read_json, write_bytes
+from .csv_tables import read_table
 from .result_folder import refuse_links
 
 if TYPE_CHECKING:

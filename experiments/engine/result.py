@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from ...framework.plugins.extras import from_extra
-from ...framework.plugins.io import expanded, read_bytes, read_table
+from ...framework.plugins.io import expanded, read_bytes
 from ...framework.plugins.registry import unknown
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest
 from ...simulation.log.episode_log import Episode
+from .csv_tables import read_table
 
 if TYPE_CHECKING:
     import pandas

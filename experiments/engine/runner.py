@@ -15,18 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from ... import __version__
 from ...framework.plugins.config import build, describe, import_plugins
-from ...framework.plugins.io import (
-    expanded,
-    read_json,
-    read_rows,
-    table_text,
-    write_bytes,
-    write_table,
-    write_text,
-)
+from ...framework.plugins.io import expanded, read_json, write_bytes, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, short
 from .base import Experiment, Result, Row, Task, TaskOutcome
+from .csv_tables import read_rows, table_text, write_table
 from .errors import as_user_error, describe_error
 from .progress import progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance

@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ...framework.plugins.io import parse_json, read_text, stamped, table_text, unstamped
+from ...framework.plugins.io import parse_json, read_text, stamped, unstamped
 from ...framework.values.errors import WideberthError, short
 from .base import Row, Task, TaskOutcome
+from .csv_tables import table_text
 
 TASKS = "tasks"
 """Folder of a result that holds the finished tasks."""

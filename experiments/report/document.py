@@ -8,10 +8,11 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-from ...framework.plugins.io import check_target, read_json, read_table, table_text, write_text
+from ...framework.plugins.io import check_target, read_json, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
+from ..engine.csv_tables import read_table, table_text
 from ..engine.meanings import Meaning, meanings
 from ..engine.result import condense_times
 from ..engine.runner import draw, reopen

@@ -7,7 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast, final
 
-from ...framework.plugins.io import write_bytes, write_table
+from ...framework.plugins.io import write_bytes
 from ..drawing.plotting import paper_style, save
 from ..engine.base import Experiment
 from ..engine.base import Result as Result
@@ -15,6 +15,7 @@ from ..engine.base import Row as Row
 from ..engine.base import Task as Task
 from ..engine.base import TaskOutcome as TaskOutcome
 from ..engine.closed_loop import group
+from ..engine.csv_tables import write_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.arrays import positive
+from ..values.arrays import positive, settle
 from ..values.costmap import (
     FREE_SPACE,
     INSCRIBED,
@@ -75,7 +75,7 @@ class Inflation:
     def __post_init__(self) -> None:
         for name in ("inscribed_radius", "inflation_radius", "cost_scaling_factor"):
             value = positive(f"inflation.{name}", getattr(self, name), zero=True)
-            object.__setattr__(self, name, value)
+            settle(self, **{name: value})
 
     def cost_at(self, cells: float, resolution: float) -> int:
         """Cost at a distance in cells, which is not rounded.

@@ -265,6 +265,11 @@ def assembled(kind: type[T], **values: Any) -> T:
     return made
 
 
+def settle(value: object, **fields: Any) -> None:
+    """Set fields of a frozen value that is being made."""
+    vars(value).update(fields)
+
+
 def number(name: str, value: float) -> float:
     """Return ``value`` as a float, which may be infinite or NaN.
 

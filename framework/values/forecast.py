@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .arrays import Array, checked, checked_covariance, positive, probability
+from .arrays import Array, checked, checked_covariance, positive, probability, settle
 from .errors import WideberthError
 from .motion import Truth
 from .polygon import Polygon
@@ -30,8 +30,7 @@ class GaussianObstacle:
         mean = checked("obstacle.mean", self.mean, None)
         shape = (*mean.shape, mean.shape[-1])
         covariance = checked_covariance("obstacle.covariance", self.covariance, shape)
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "covariance", covariance)
+        settle(self, mean=mean, covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +65,13 @@ class Scene:
     def __post_init__(self) -> None:
         for name, shape in (("plan", (None, None)), ("goals", (None, None))):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, checked(f"scene.{name}", value, shape))
+                settle(self, **{name: checked(f"scene.{name}", value, shape)})
         if self.plan_times is not None:
             length = None if self.plan is None else len(self.plan)
             times = checked("scene.plan_times", self.plan_times, (length,))
             if (np.diff(times) <= 0).any():
                 raise WideberthError("scene.plan_times must increase from row to row")
-            object.__setattr__(self, "plan_times", times)
+            settle(self, plan_times=times)
 
 
 def content_bound(size: int, tail: float) -> float:
@@ -142,11 +141,9 @@ class Forecast:
                 f"forecast.fallback has {len(self.fallback)} entries; wanted {shape[0]}, one "
                 "per obstacle (None where the method itself was used)"
             )
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "covariance", covariance)
-        object.__setattr__(self, "weight", weight)
+        settle(self, mean=mean, covariance=covariance, weight=weight)
         if isinstance(self.joint_source, np.ndarray):
-            object.__setattr__(self, "joint_source", self._whole(self.joint_source))
+            settle(self, joint_source=self._whole(self.joint_source))
 
     def __repr__(self) -> str:
         """Say how many obstacles, modes and steps there are."""

@@ -16,6 +16,7 @@ from .arrays import (
     checked_covariance,
     number,
     of_covariances,
+    settle,
     stacked,
 )
 from .errors import WideberthError
@@ -153,24 +154,22 @@ class Detection:
         if not isinstance(self.ident, str):
             raise WideberthError(f"detection.ident is {self.ident!r}; wanted a str")
         position = checked("detection.position", self.position, (None,), finite=False)
-        object.__setattr__(self, "position", position)
         flaw = ""
         if self.covariance is not None:
             covariance, flaw = _covariance("covariance", self.covariance, len(position))
-            object.__setattr__(self, "covariance", covariance)
+            settle(self, covariance=covariance)
         if self.velocity is not None or self.state_covariance is not None:
             flaw = flaw or self._check_state(len(position))
         if not isinstance(self.sensor, str):
             raise WideberthError(f"detection.sensor is {self.sensor!r}; wanted a str")
         radius, age = number("detection.radius", self.radius), number("detection.age", self.age)
-        object.__setattr__(self, "radius", radius)
-        object.__setattr__(self, "age", age)
+        settle(self, position=position, radius=radius, age=age)
         for name, value in (("radius", radius), ("age", age)):
             if not 0.0 <= value < inf:
                 flaw = flaw or f"{name} is {value:g}"
         if not all_finite(position):
             flaw = f"position is {position.tolist()}"
-        object.__setattr__(self, "flaw", flaw)
+        settle(self, flaw=flaw)
 
     def _check_state(self, size: int) -> str:
         """Convert the tracker's velocity and covariance; return what makes them useless."""
@@ -182,8 +181,7 @@ class Detection:
             )
         velocity = checked("detection.velocity", self.velocity, (size,), finite=False)
         joint, flaw = _covariance("state_covariance", self.state_covariance, 2 * size)
-        object.__setattr__(self, "velocity", velocity)
-        object.__setattr__(self, "state_covariance", joint)
+        settle(self, velocity=velocity, state_covariance=joint)
         return flaw if all_finite(velocity) else f"velocity is {velocity.tolist()}"
 
 
@@ -256,22 +254,21 @@ class Observation:
     def __post_init__(self) -> None:
         stamp = number("observation.stamp", self.stamp)
         state = checked("observation.state", self.state, (None,), finite=False)
-        object.__setattr__(self, "stamp", stamp)
-        object.__setattr__(self, "state", state)
+        settle(self, stamp=stamp, state=state)
         flaw = ""
         for name in ("map_covariance", "covariance"):
             if (given := getattr(self, name)) is not None:
                 covariance, wrong = _covariance(name, given, len(state))
-                object.__setattr__(self, name, covariance)
+                settle(self, **{name: covariance})
                 flaw = wrong or flaw
         if not all_finite(state):
             flaw = f"state is {state.tolist()}"
         if not np.isfinite(stamp):
             flaw = f"stamp is {stamp}"
-        object.__setattr__(self, "flaw", flaw)
+        settle(self, flaw=flaw)
         detections = _all("detections", self.detections, Detection)
-        object.__setattr__(self, "detections", detections)
-        object.__setattr__(self, "polygons", _all("polygons", self.polygons, Polygon))
+        polygons = _all("polygons", self.polygons, Polygon)
+        settle(self, detections=detections, polygons=polygons)
         if not isinstance(self.truth, Truth | None):
             raise WideberthError(f"observation.truth is {self.truth!r}; wanted a Truth or None")
         if not isinstance(self.scan, PlacedScan | None):

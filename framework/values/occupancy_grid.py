@@ -6,7 +6,7 @@ from typing import Any, ClassVar, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import FARTHEST, Array, BoolArray, checked, positive
+from .arrays import FARTHEST, Array, BoolArray, checked, positive, settle
 from .errors import WideberthError
 
 Cells: TypeAlias = NDArray[np.int64]
@@ -62,9 +62,8 @@ class CellGrid:
         far = np.abs(np.stack([origin, origin + resolution * np.array(cells.shape[::-1])]))
         if far.max() > FARTHEST:
             raise WideberthError(f"{label} reaches beyond {FARTHEST:g} m from the world's origin")
-        object.__setattr__(self, "cells", cells)
-        object.__setattr__(self, "resolution", resolution)
-        object.__setattr__(self, "origin", (float(origin[0]), float(origin[1])))
+        corner = float(origin[0]), float(origin[1])
+        settle(self, cells=cells, resolution=resolution, origin=corner)
 
     def __repr__(self) -> str:
         """Say size and place; the cells themselves are too many."""

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .arrays import FARTHEST, Array, checked
+from .arrays import FARTHEST, Array, checked, settle
 from .errors import WideberthError
 
 
@@ -44,7 +44,7 @@ class Path:
             raise WideberthError(
                 f"path.points[{repeated[0] + 1}] repeats the point before it; remove it"
             )
-        object.__setattr__(self, "points", points)
+        settle(self, points=points)
 
     def __repr__(self) -> str:
         """Rebuild a path of a few points; say length and ends of a longer one."""

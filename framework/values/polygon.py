@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from .arrays import FARTHEST, Array, checked, whole
+from .arrays import FARTHEST, Array, checked, settle, whole
 from .errors import WideberthError
 
 MOST_CORNERS = 16
@@ -56,7 +56,7 @@ class Polygon:
         twice = _cross(points - base, ahead - base).sum()
         if twice < 0.0:
             points = np.roll(points[::-1], 1, axis=0)
-        object.__setattr__(self, "vertices", tuple((float(x), float(y)) for x, y in points))
+        settle(self, vertices=tuple((float(x), float(y)) for x, y in points))
 
     @cached_property
     def points(self) -> Array:

@@ -15,6 +15,7 @@ from .arrays import (
     checked_covariance,
     number,
     positive,
+    settle,
 )
 from .errors import WideberthError
 
@@ -58,11 +59,10 @@ class Scan:
         if (latest := float(np.abs(times).max(initial=0.0))) > LATEST:
             raise WideberthError(f"scan.times holds {latest:.3g} s; wanted at most {LATEST:g}")
         shape = (len(times),)
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "bearings", checked("scan.bearings", self.bearings, shape))
+        bearings = checked("scan.bearings", self.bearings, shape)
         ranges = checked("scan.ranges", self.ranges, shape, finite=False)
-        object.__setattr__(self, "ranges", ranges)
-        object.__setattr__(self, "mount", checked("scan.mount", self.mount, (3,)))
+        mount = checked("scan.mount", self.mount, (3,))
+        settle(self, times=times, bearings=bearings, ranges=ranges, mount=mount)
         positive("scan.deviation", self.deviation)
         positive("scan.longest", self.longest)
 
@@ -97,7 +97,7 @@ class PlacedScan:
     pose: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", checked("placed_scan.pose", self.pose, (3,)))
+        settle(self, pose=checked("placed_scan.pose", self.pose, (3,)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,10 +180,9 @@ class WheelSample:
                 f"wheel_sample.angles has {len(angles)} entries; wanted the left wheels' angles, "
                 "then as many of right ones"
             )
-        object.__setattr__(self, "angles", angles)
-        object.__setattr__(self, "time", number("wheel_sample.time", self.time))
+        time = number("wheel_sample.time", self.time)
         flaw = "" if all_finite(angles) else f"angles are {angles.tolist()}"
-        object.__setattr__(self, "flaw", flaw or _timeless(self.time))
+        settle(self, angles=angles, time=time, flaw=flaw or _timeless(time))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,13 +207,13 @@ class InertialSample:
     def __post_init__(self) -> None:
         size = (2,)
         felt = checked("inertial_sample.acceleration", self.acceleration, size, finite=False)
-        object.__setattr__(self, "acceleration", felt)
-        object.__setattr__(self, "time", number("inertial_sample.time", self.time))
-        object.__setattr__(self, "yaw_rate", number("inertial_sample.yaw_rate", self.yaw_rate))
+        time = number("inertial_sample.time", self.time)
+        yaw_rate = number("inertial_sample.yaw_rate", self.yaw_rate)
         flaw = "" if all_finite(felt) else f"acceleration is {felt.tolist()}"
-        if not isfinite(self.yaw_rate):
-            flaw = f"yaw rate is {self.yaw_rate}"
-        object.__setattr__(self, "flaw", flaw or _timeless(self.time))
+        if not isfinite(yaw_rate):
+            flaw = f"yaw rate is {yaw_rate}"
+        flaw = flaw or _timeless(time)
+        settle(self, acceleration=felt, time=time, yaw_rate=yaw_rate, flaw=flaw)
 
 
 def _timeless(time: float) -> str:
@@ -247,9 +246,9 @@ class MotionEstimate:
     frame: str = "odom"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mean", checked("motion_estimate.mean", self.mean, (6,)))
+        mean = checked("motion_estimate.mean", self.mean, (6,))
         covariance = checked_covariance("motion_estimate.covariance", self.covariance, (6, 6))
-        object.__setattr__(self, "covariance", covariance)
+        settle(self, mean=mean, covariance=covariance)
 
     @property
     def pose(self) -> Array:
@@ -280,9 +279,8 @@ class Segments:
     def __post_init__(self) -> None:
         ends = checked("segments.ends", self.ends, (None, 2, 2))
         shape = (len(ends), 2, 2)
-        object.__setattr__(self, "ends", ends)
         covariance = checked_covariance("segments.covariance", self.covariance, shape)
-        object.__setattr__(self, "covariance", covariance)
+        settle(self, ends=ends, covariance=covariance)
 
     def __len__(self) -> int:
         """Count the segments."""
@@ -341,14 +339,14 @@ class Sightings:
         if count and not isfinite(number("sightings.time", self.time)):
             raise WideberthError(f"sightings.time is {self.time}; wanted the instant of the scan")
         times = self.times if len(self.times) or not count else np.full(count, self.time)
-        object.__setattr__(self, "times", checked("sightings.times", times, (count,)))
         if self.origin is not None:
-            object.__setattr__(self, "origin", checked("sightings.origin", self.origin, (2,)))
+            settle(self, origin=checked("sightings.origin", self.origin, (2,)))
+        times = checked("sightings.times", times, (count,))
         covariance = checked_covariance("sightings.covariance", self.covariance, (count, 2, 2))
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "covariance", covariance)
-        object.__setattr__(self, "radius", checked("sightings.radius", self.radius, (count,)))
-        object.__setattr__(self, "static", checked("sightings.static", self.static, (None, 2)))
+        radius = checked("sightings.radius", self.radius, (count,))
+        static = checked("sightings.static", self.static, (None, 2))
+        settle(self, positions=positions, covariance=covariance, radius=radius)
+        settle(self, times=times, static=static)
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,14 +382,12 @@ class TrackedObstacle:
     noise: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "state", checked("tracked_obstacle.state", self.state, (4,)))
+        state = checked("tracked_obstacle.state", self.state, (4,))
         covariance = checked_covariance("tracked_obstacle.covariance", self.covariance, (4, 4))
-        object.__setattr__(self, "covariance", covariance)
         positive("tracked_obstacle.radius", self.radius, zero=True)
         times = checked("tracked_obstacle.times", self.times, (None,))
         shape = (len(times), 2)
-        object.__setattr__(self, "times", times)
         measured = checked("tracked_obstacle.measured", self.measured, shape)
-        object.__setattr__(self, "measured", measured)
         noise = checked_covariance("tracked_obstacle.noise", self.noise, (*shape, 2))
-        object.__setattr__(self, "noise", noise)
+        settle(self, state=state, covariance=covariance)
+        settle(self, times=times, measured=measured, noise=noise)

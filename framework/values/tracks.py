@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Array, checked, checked_covariance, positive
+from .arrays import Array, checked, checked_covariance, positive, settle
 from .errors import WideberthError
 
 
@@ -60,19 +60,16 @@ class Tracks:
         if (radius < 0).any():
             raise WideberthError(f"tracks.radius holds {radius.min():g}; wanted at least 0 m")
         noise = checked_covariance("tracks.noise", self.noise, (count, size, size))
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "ids", ids)
-        object.__setattr__(self, "radius", radius)
-        object.__setattr__(self, "noise", noise)
+        settle(self, positions=positions, ids=ids, radius=radius, noise=noise)
         if self.state_covariance is not None:
             shape = (count, 2 * size, 2 * size)
             joint = checked_covariance("tracks.state_covariance", self.state_covariance, shape)
-            object.__setattr__(self, "state_covariance", joint)
+            settle(self, state_covariance=joint)
         if self.velocity is not None:
             if self.state_covariance is None:
                 raise WideberthError("tracks.velocity comes alone; state state_covariance as well")
             velocity = checked("tracks.velocity", self.velocity, (count, size))
-            object.__setattr__(self, "velocity", velocity)
+            settle(self, velocity=velocity)
 
     def __repr__(self) -> str:
         """Say who was tracked, for how long, and how much of it was observed."""

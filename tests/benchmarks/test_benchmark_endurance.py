@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.framework import WideberthError
-from wideberth.framework.plugins.io import read_table
 from wideberth.framework.values.plan import Rung
 
 

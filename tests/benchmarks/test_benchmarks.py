@@ -11,8 +11,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.framework import names
-from wideberth.framework.plugins.io import read_table
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.predictor import Adaptive
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.engine.base import Result, Row
+from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.boundary_risk import BoundaryRisk
 from wideberth.framework import names
-from wideberth.framework.plugins.io import write_bytes, write_table
+from wideberth.framework.plugins.io import write_bytes
 from wideberth.framework.values.errors import WideberthError
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse

@@ -20,6 +20,7 @@ from wideberth.experiments.drawing.beliefs import (
 )
 from wideberth.experiments.drawing.episodes import draw_views
 from wideberth.experiments.engine.base import Row
+from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.report.player import content
@@ -31,7 +32,6 @@ from wideberth.experiments.studies.cascade import (
     largest,
     sentence,
 )
-from wideberth.framework.plugins.io import read_table
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode

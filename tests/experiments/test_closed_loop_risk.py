@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.base import Result
+from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.closed_loop_risk import (
@@ -17,7 +18,6 @@ from wideberth.experiments.studies.closed_loop_risk import (
 )
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.plugins.io import write_table
 from wideberth.framework.values.errors import WideberthError
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.simulation.scenarios import model_crowd

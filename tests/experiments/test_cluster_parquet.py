@@ -12,9 +12,10 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine import parquet_table
+from wideberth.experiments.engine.csv_tables import read_table, write_table
 from wideberth.experiments.engine.runner import run
 from wideberth.framework.plugins.config import build
-from wideberth.framework.plugins.io import read_json, read_table, write_json, write_table
+from wideberth.framework.plugins.io import read_json, write_json
 from wideberth.framework.values.errors import WideberthError
 
 HERE = Path(__file__).parents[1] / "helpers"

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.level_policies import LevelPolicies
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework import names
-from wideberth.framework.plugins.io import read_table
 from wideberth.framework.values.errors import WideberthError
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from wideberth.experiments.engine import runner
 from wideberth.experiments.engine.base import Row
+from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.crowd import DATA
 from wideberth.experiments.studies.prediction_benchmark import (
@@ -18,7 +19,6 @@ from wideberth.experiments.studies.prediction_benchmark import (
     window_places,
 )
 from wideberth.experiments.studies.prediction_data import PredictionData, SceneFiles
-from wideberth.framework.plugins.io import read_table
 from wideberth.framework.predictor import Adaptive, Fittable, Predictor
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
+from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.engine.extract import aligned
 from wideberth.experiments.engine.meanings import meanings, shares
 from wideberth.experiments.engine.text_tables import main_columns, print_table
 from wideberth.experiments.report.tables import html_table
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.episode_statistics import against, condensed
-from wideberth.framework.plugins.io import write_table
 from wideberth.framework.plugins.registry import load, names
 from wideberth.simulation.measures.episode_measures import measures
 from wideberth.simulation.measures.summary import summarise

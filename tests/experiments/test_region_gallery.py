@@ -9,10 +9,11 @@ import pytest
 from shapely import LinearRing, Point
 
 from wideberth.experiments.engine.base import Result, Row
+from wideberth.experiments.engine.csv_tables import read_table, write_table
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.region_gallery import RegionGallery
 from wideberth.framework import names
-from wideberth.framework.plugins.io import read_table, write_bytes, write_table
+from wideberth.framework.plugins.io import write_bytes
 from wideberth.framework.values.errors import WideberthError
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse

@@ -8,6 +8,7 @@ import pytest
 
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.closed_loop import play
+from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.region_price import (
@@ -22,7 +23,6 @@ from wideberth.experiments.studies.region_price import (
 from wideberth.experiments.studies.stopwatch import Stopwatch
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework import names
-from wideberth.framework.plugins.io import read_table
 from wideberth.framework.testing import check_controller
 from wideberth.framework.values.errors import WideberthError
 

@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 
 from wideberth.experiments.engine.base import Experiment, Result, Row
+from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.studies.approximation_error import ApproximationError, map_rows
 from wideberth.experiments.studies.ellipse_construction import EllipseConstruction
 from wideberth.experiments.studies.forecast_regions import ForecastRegions
-from wideberth.framework.plugins.io import write_bytes, write_table
+from wideberth.framework.plugins.io import write_bytes
 from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.values.errors import WideberthError
 

@@ -15,12 +15,12 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.closed_loop import condense
+from wideberth.experiments.engine.csv_tables import read_table, write_table
 from wideberth.experiments.engine.meanings import meanings
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.report.document import Report, gather, markdown, report, report_page
 from wideberth.experiments.report.tables import html_table
 from wideberth.framework.plugins.config import build
-from wideberth.framework.plugins.io import read_table, write_table
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path as Way

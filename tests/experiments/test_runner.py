@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 
 from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
+from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.provenance import fingerprint
 from wideberth.experiments.engine.runner import draw, left_out, reopen, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.engine.text_tables import print_table
 from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.plugins.io import read_json, read_table, write_json
+from wideberth.framework.plugins.io import read_json, write_json
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.sweeps import coins, contents
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.engine.base import Result, Task, TaskOutcome
+from wideberth.experiments.engine.csv_tables import read_table, table_text
 from wideberth.experiments.engine.tasks import (
     FinishedTask,
     checked_outcome,
@@ -14,13 +15,7 @@ from wideberth.experiments.engine.tasks import (
     task_keys,
     write_task,
 )
-from wideberth.framework.plugins.io import (
-    read_json,
-    read_table,
-    table_text,
-    write_bytes,
-    write_json,
-)
+from wideberth.framework.plugins.io import read_json, write_bytes, write_json
 from wideberth.framework.values.errors import WideberthError
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.engine.base import Result
+from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.wheel_calibration import WheelCalibration
-from wideberth.framework.plugins.io import write_table
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.physics.body import LARGE, SkidSteerBody
 

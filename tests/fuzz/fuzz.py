@@ -27,7 +27,7 @@ import fuzz_cases  # noqa: E402
 import fuzz_scans  # noqa: E402
 from fuzz_cases import BATCH, CONTROLLERS, TICKS, Call, optional, rivals, setups  # noqa: E402
 
-from wideberth.framework.plugins.io import write_table  # noqa: E402
+from wideberth.experiments.engine.csv_tables import write_table  # noqa: E402
 from wideberth.framework.plugins.registry import names  # noqa: E402
 
 HANGS = 120.0

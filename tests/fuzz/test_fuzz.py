@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from wideberth.framework.plugins.io import read_table
+from wideberth.experiments.engine.csv_tables import read_table
 
 
 @pytest.fixture

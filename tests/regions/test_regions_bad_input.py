@@ -10,12 +10,12 @@ import pytest
 from wideberth.framework.plugins import config, registry
 from wideberth.framework.region import Region
 from wideberth.framework.risk.level_for_risk import level_for_risk
-from wideberth.framework.testing.region_cases import variants
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.polygon import Polygon
 from wideberth.regions.bhattacharyya import _inner
 from wideberth.regions.density import checked_spread
+from wideberth.tests.helpers.region_variants import variants
 
 REGIONS = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))

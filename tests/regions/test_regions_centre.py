@@ -13,7 +13,7 @@ import pytest
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Region
-from wideberth.framework.testing.region_cases import RegionCase, sphere, variants
+from wideberth.framework.testing.region_cases import RegionCase, sphere
 from wideberth.framework.testing.twin import compile_twin
 from wideberth.framework.values.motion import Pose
 from wideberth.regions.gaussian import CENTRE
@@ -22,6 +22,7 @@ from wideberth.regions.outer_ellipse import OuterEllipse
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.separating_line import SeparatingLine
 from wideberth.regions.whitened_box import WhitenedBox
+from wideberth.tests.helpers.region_variants import variants
 
 REGISTERED = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))

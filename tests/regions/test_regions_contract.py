@@ -9,11 +9,11 @@ import pytest
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Auxiliary, Bounded, Constraint, Guarantee, Region, Relation
 from wideberth.framework.testing.region import check_region
-from wideberth.framework.testing.region_cases import variants
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.tests.helpers.contracts import Contract
+from wideberth.tests.helpers.region_variants import variants
 
 BUILT_IN = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))

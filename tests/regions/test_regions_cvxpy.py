@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.region import Convex, Region, Signed
-from wideberth.framework.testing.region_cases import RegionCase, draw_cases, sphere
+from wideberth.framework.testing.region_cases import RegionCase, sphere
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions import gaussian
 from wideberth.regions.eigen_rectangle import EigenRectangle
@@ -23,6 +23,7 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minimum_area import MinimumArea
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.separating_line import SeparatingLine
+from wideberth.tests.helpers.region_variants import draw_cases
 
 COUNT = 30
 SIZES = pytest.mark.parametrize("size", [2, 3])

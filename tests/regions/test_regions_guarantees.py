@@ -11,8 +11,9 @@ from wideberth.framework.plugins import registry
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.risk.level_for_risk import level_for_risk
-from wideberth.framework.testing.region_cases import RegionCase, draw_cases, sphere, variants
+from wideberth.framework.testing.region_cases import RegionCase, sphere
 from wideberth.regions.risk_contour import RiskContour
+from wideberth.tests.helpers.region_variants import draw_cases, variants
 from wideberth.tests.oracles.risk_batch import collision_probability_batch
 
 KINDS = [registry.load("regions", name) for name in registry.names("regions")]

@@ -11,15 +11,10 @@ from hypothesis import strategies as st
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Region
 from wideberth.framework.testing.region import Probe
-from wideberth.framework.testing.region_cases import (
-    RegionCase,
-    draw_cases,
-    sphere,
-    turned,
-    variants,
-)
+from wideberth.framework.testing.region_cases import RegionCase, sphere, turned
 from wideberth.framework.testing.twin import Twin, compile_twin
 from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.helpers.region_variants import draw_cases, variants
 
 KINDS = [registry.load("regions", name) for name in registry.names("regions")]
 ALL = [(one, size) for kind in KINDS for one in variants(kind) for size in one.dimensions]

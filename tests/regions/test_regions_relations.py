@@ -9,8 +9,9 @@ from scipy import optimize
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Convex, Region, Relation, Signed
-from wideberth.framework.testing.region_cases import RegionCase, draw_cases, sphere, variants
+from wideberth.framework.testing.region_cases import RegionCase, sphere
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.tests.helpers.region_variants import draw_cases, variants
 
 KINDS = [registry.load("regions", name) for name in registry.names("regions")]
 ALL = [(one, size) for kind in KINDS for one in variants(kind) for size in one.dimensions]

@@ -17,7 +17,7 @@ from wideberth.framework.mpc.slots.screen import Travel, leaves_out, out_of_reac
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Bounded, Polygonal, Region
 from wideberth.framework.robot import step as moved
-from wideberth.framework.testing.region_cases import turned, variants
+from wideberth.framework.testing.region_cases import turned
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.forecast import GaussianObstacle
@@ -30,6 +30,7 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.riccati.solver import Riccati
+from wideberth.tests.helpers.region_variants import variants
 
 REGIONS = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))
