@@ -7,10 +7,11 @@ __version__ = "0.1.0"
 _NAMES = {
     "wideberth.framework": """
         Adaptive Command Controller Costmap Detection Discs Fittable Forecast GaussianObstacle
-        Inflation Observation OccupancyGrid Outline Path Plan Polygon Pose Predictor Region Robot
+        Observation OccupancyGrid Outline Path Plan Polygon Pose Predictor Region Robot
         Route RoutePlanner Scene StaticRegion Tracks Twist WideberthError Windows build
         cut_windows load load_plugin names recommended register resampled_tracks save_plugin
     """,
+    "wideberth.routes.inflation": "Inflation",
     "wideberth.experiments.engine.result": "open_result",
 }
 """Module -> its names that are public here, which are imported on first use."""

@@ -16,7 +16,6 @@ from .framework import Discs as Discs
 from .framework import Fittable as Fittable
 from .framework import Forecast as Forecast
 from .framework import GaussianObstacle as GaussianObstacle
-from .framework import Inflation as Inflation
 from .framework import Observation as Observation
 from .framework import OccupancyGrid as OccupancyGrid
 from .framework import Outline as Outline
@@ -49,6 +48,7 @@ from . import predictors as predictors
 from . import regions as regions
 from . import robots as robots
 from . import routes as routes
+from .routes.inflation import Inflation as Inflation
 from . import simulation as simulation
 from . import solvers as solvers
 from pathlib import Path as _Path

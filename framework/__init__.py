@@ -15,7 +15,6 @@ _NAMES = {
     "values.path": "Path",
     "values.plan": "Plan",
     "values.polygon": "Polygon",
-    "numerics.inflation": "Inflation",
     "predictor": "Adaptive Fittable Predictor",
     "region": "Region",
     "plugins.registry": "load names register",

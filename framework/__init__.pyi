@@ -4,7 +4,6 @@
 
 from .controller import Controller as Controller
 from .mpc.planner.recommended import recommended as recommended
-from .numerics.inflation import Inflation as Inflation
 from .plugins.config import build as build
 from .plugins.config import describe as describe
 from .plugins.config import load_plugin as load_plugin
@@ -41,4 +40,4 @@ from .values.path import Path as Path
 from .values.plan import Plan as Plan
 from .values.polygon import Polygon as Polygon
 from .values.tracks import Tracks as Tracks
-__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'describe', 'load', 'load_plugin', 'names', 'read_config', 'recommended', 'register', 'resampled_tracks', 'save_plugin']
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'describe', 'load', 'load_plugin', 'names', 'read_config', 'recommended', 'register', 'resampled_tracks', 'save_plugin']

@@ -8,13 +8,13 @@ from typing import final
 import numpy as np
 
 from ..framework.mpc.ocp.reference import PathProgress
-from ..framework.numerics.inflation import Inflation
 from ..framework.route_planner import Route
 from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.path import Path
 from ..framework.values.polygon import Polygon
+from ..routes.inflation import Inflation
 from ..routes.replanning import KeptRoute, Replanning
 from .decoding import DecodedMessage, Goal
 from .frames import composed, inverted, within_pi

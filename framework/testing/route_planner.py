@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import distance_transform_edt
 
-from ..numerics.inflation import Inflation
 from ..route_planner import Route, RoutePlanner
 from ..values.arrays import Array, BoolArray
-from ..values.costmap import LETHAL, Costmap
+from ..values.costmap import INSCRIBED, LETHAL, MAX_NON_OBSTACLE, Costmap
 from .laws import Contract, Law, law, stated
 
 _CELL = 0.0625
@@ -19,7 +19,8 @@ _SIZE = (60, 80)
 """Rows and columns of the maps."""
 _MOVE = (32.0, -16.0)
 """m, by which maps are moved."""
-_INFLATION = Inflation(inscribed_radius=0.15, inflation_radius=0.4)
+_RADIUS, _REACH = 0.15, 0.4
+"""m, from a wall: where no robot may be, and where the costs end."""
 
 
 @Contract
@@ -104,7 +105,11 @@ def _costmap(occupied: BoolArray) -> Costmap:
     """Return the inflated costs of a map with walls all around."""
     costs = np.where(occupied, LETHAL, 0)
     costs[[0, -1]] = costs[:, [0, -1]] = LETHAL
-    return _INFLATION.inflated(Costmap(costs, _CELL, (-1.0, 0.5)))
+    away = _CELL * distance_transform_edt(costs != LETHAL)
+    falling = MAX_NON_OBSTACLE * np.exp(-10.0 * np.maximum(away - _RADIUS, 0.0))
+    near = np.where(away <= _RADIUS, INSCRIBED, falling.astype(int))
+    costs = np.where(costs == LETHAL, LETHAL, np.where(away <= _REACH, near, 0))
+    return Costmap(costs, _CELL, (-1.0, 0.5))
 
 
 def _maps() -> Iterator[tuple[str, Costmap, tuple[float, float], tuple[float, float]]]:

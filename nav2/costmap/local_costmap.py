@@ -8,11 +8,11 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.numerics.inflation import Inflation
 from ...framework.values.arrays import Array, BoolArray, positive
 from ...framework.values.costmap import FREE_SPACE, LETHAL, NO_INFORMATION, Costmap
 from ...framework.values.motion import Detection
 from ...framework.values.polygon import Polygon
+from ...routes.inflation import Inflation
 from .footprint import RobotFootprint
 from .rays import Rays
 

@@ -6,13 +6,13 @@ from typing import final
 
 import numpy as np
 
-from ...framework.numerics.inflation import Inflation
 from ...framework.route_planner import RoutePlanner
 from ...framework.values.arrays import Array, positive
 from ...framework.values.costmap import FREE_SPACE, LETHAL, Costmap
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
+from ...routes.inflation import Inflation
 from ..engine.agents import Bystander, RobotAgent, ScriptedAgent
 from .base import Placement, Range, Scenario, checked_range, draw
 from .crossing import Crossing

@@ -7,8 +7,8 @@ import zlib
 import numpy as np
 import pytest
 
-from wideberth.framework.numerics.inflation import Inflation
 from wideberth.framework.values.costmap import Costmap
+from wideberth.routes.inflation import Inflation
 from wideberth.routes.navfn import NavFn, Wave, nearest_cell
 from wideberth.tests.nav2.golden import Case, Checks, costmap_of
 

@@ -16,7 +16,6 @@ from wideberth import Path, WideberthError
 from wideberth.controllers import Planner
 from wideberth.experiments.cli.ros_node import read_node
 from wideberth.framework.detector import Detector
-from wideberth.framework.numerics.inflation import Inflation
 from wideberth.framework.route_planner import Route
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
@@ -31,6 +30,7 @@ from wideberth.ros.obstacle_sources import ScanTopic
 from wideberth.ros.own_motion import AHEAD, OwnMotion
 from wideberth.ros.path_sources import GoalTopic, KnownMap, MapPlanner, MapTopic, cropped
 from wideberth.routes import NavFn
+from wideberth.routes.inflation import Inflation
 from wideberth.routes.polygons import convex_polygons
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.helpers import ros_robot

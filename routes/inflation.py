@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.arrays import positive, settle
-from ..values.costmap import (
+from ..framework.values.arrays import positive, settle
+from ..framework.values.costmap import (
     FREE_SPACE,
     INSCRIBED,
     LETHAL,
@@ -16,7 +16,7 @@ from ..values.costmap import (
     NO_INFORMATION,
     Costmap,
 )
-from ..values.errors import WideberthError
+from ..framework.values.errors import WideberthError
 
 _STEPS = 100
 """Distances are rounded to so many parts of a cell."""
