@@ -64,7 +64,6 @@ def sample_view() -> PlanningContext:
         planned=position,
         own=np.zeros((STEPS, 2, 2)),
         own_on_map=np.zeros((STEPS, 2, 2)),
-        here=position,
         travel=np.full(STEPS, np.inf),
         level=Fixed(0.05),
         margin=0.1,
