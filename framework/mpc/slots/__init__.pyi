@@ -2,5 +2,6 @@
 # ruff: noqa
 # fmt: off
 
-__all__ = []
+from .ways import Ways as Ways
+__all__ = ['Ways']
 BUILT_IN: dict[str, str]
