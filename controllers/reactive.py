@@ -41,9 +41,14 @@ class Neighbours:
 
     The velocity is the difference of the last two measurements over the time between them,
     zero at first sight. It is as noisy as that says: sqrt(2) sigma / dt.
+
+    Parameters
+    ----------
+    forget : s after which an obstacle that is no longer reported is dropped.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, forget: float = FORGET) -> None:
+        self._forget = forget
         self.reset()
 
     def reset(self) -> None:
@@ -63,14 +68,14 @@ class Neighbours:
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        sighting = admitted(observation, 2, FORGET, here, self._remembered)
+        sighting = admitted(observation, 2, self._forget, here, self._remembered)
         self.placeless = sighting.placeless
         for name, detection in named_apart(sighting.detections):
             self._sights[name] = self._updated(self._sights.get(name), detection)
         self._sights = {
             name: sight
             for name, sight in self._sights.items()
-            if self._stamp - sight.reported <= FORGET
+            if self._stamp - sight.reported <= self._forget
         }
         if len(self._sights) > MOST:
             newest = sorted(self._sights, key=lambda name: self._sights[name].reported)[-MOST:]
@@ -99,7 +104,7 @@ class Neighbours:
         return {
             name: LastGood(sight.radius)
             for name, sight in self._sights.items()
-            if self._stamp - sight.reported <= FORGET
+            if self._stamp - sight.reported <= self._forget
         }
 
     def _updated(self, before: _Sight | None, detection: Detection) -> _Sight:

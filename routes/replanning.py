@@ -11,6 +11,9 @@ from ..framework.values.arrays import Array, checked, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.path import Path
 
+NEAR_GOAL = 4.0
+"""m to the goal; closer to it a free route is kept, as by Nav2's default behaviour tree."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,7 @@ class Replanning:
 
     A route is planned anew where there is none yet, the goal is another one, the rest of its
     path is blocked, the clock has jumped back, or ``period`` has passed. Closer to the goal than
-    ``near_goal``, along the path, the passing of time is no reason. These are the rules of Nav2's
+    `NEAR_GOAL`, along the path, the passing of time is no reason. These are the rules of Nav2's
     default behaviour tree, except that a blocked path does not wait for the period. If no new
     route is found, the old one is kept while it is free. Where there is none, the next attempt
     follows after the period.
@@ -45,7 +48,6 @@ class Replanning:
     ----------
     planner : finds the routes.
     period : s, between two routes.
-    near_goal : m.
 
     Raises
     ------
@@ -54,12 +56,10 @@ class Replanning:
 
     planner: RoutePlanner
     period: float = 1.0
-    near_goal: float = 4.0
 
     def __post_init__(self) -> None:
-        for name in ("period", "near_goal"):
-            value = positive(f"replanning.{name}", getattr(self, name), zero=True)
-            object.__setattr__(self, name, value)
+        period = positive("replanning.period", self.period, zero=True)
+        object.__setattr__(self, "period", period)
 
     def update(
         self, kept: KeptRoute | None, time: float, costmap: Costmap, position: ArrayLike,
@@ -94,7 +94,7 @@ class Replanning:
             return True
         if time - kept.stamp < self.period:
             return False
-        return path is None or path.length - path.project(position) >= self.near_goal
+        return path is None or path.length - path.project(position) >= NEAR_GOAL
 
 
 def is_blocked(path: Path, costmap: Costmap, position: ArrayLike) -> bool:

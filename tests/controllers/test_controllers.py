@@ -7,7 +7,6 @@ from inspect import isfunction
 import numpy as np
 import pytest
 
-from wideberth.controllers import reactive
 from wideberth.controllers.reactive import Neighbours, Reactive
 from wideberth.controllers.steering import PathGuide, steer, top_speed, velocity_of
 from wideberth.framework.control.command_limits import attained
@@ -117,9 +116,8 @@ def test_wrong_use_raises_and_bad_numbers_stand_still(name):
         build("controllers", {"type": name, "robot": "unicycle", "period": 0.0})
 
 
-def test_neighbours_are_carried_on(monkeypatch):
-    monkeypatch.setattr(reactive, "FORGET", 1.0)
-    known = Neighbours()
+def test_neighbours_are_carried_on():
+    known = Neighbours(1.0)
     state = np.zeros(2)
     known.take(Observation(0.0, state, (detection("a", (0, 0)), detection("b", (1, 1), 0.5))))
     ids, places, velocities, radii = known.now()

@@ -23,6 +23,7 @@ from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse, read_config
+from wideberth.tests.helpers import nav2_params
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -168,6 +169,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         save_plugin(tmp_path / f"{name}.json", "predictor", build("predictors", "kalman"))
     for name in ("my_region", "my_rung"):
         shutil.copy(ROOT / "examples" / f"{name}.py", tmp_path)
+    (tmp_path / "nav2_params.yaml").write_text(nav2_params.text_of("nav2_humble"))
     (tmp_path / "mypackage").mkdir()
     own = "from my_region import Disc as Box\n"
     (tmp_path / "mypackage" / "__init__.py").write_text(own)
