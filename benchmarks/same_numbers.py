@@ -17,12 +17,21 @@ import sys
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from set_ups import OWN, SetUp, paper_problem, registered, suited
 
 from wideberth.benchmarks.recorded_instances import read_instances
-from wideberth.framework import GaussianObstacle, build, names
+from wideberth.framework import GaussianObstacle, build, names, recommended
+from wideberth.framework.control.rate_limited_warnings import quiet
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.robot import start_state
+from wideberth.framework.values.motion import Command, Detection, Observation
+from wideberth.framework.values.path import Path as Course
+from wideberth.framework.values.plan import Plan
+from wideberth.framework.values.polygon import Polygon
+from wideberth.simulation.engine.plant import KinematicPlant
 
 RUNS = {
     "chicken_game": {"seeds": 20},
@@ -39,14 +48,34 @@ RUNS = {
 KEPT = ("table.csv", "summary.csv")
 """Files of a result folder that hold no measured time."""
 SAMPLE = Path(__file__).resolve().parents[1] / "tests" / "data" / "mpc_instances.npz"
-REGIONS, SOLVES = "regions.csv", "solves.csv"
+REGIONS, SOLVES, DRIVES = "regions.csv", "solves.csv", "drives.csv"
+
+
+KALMAN = {"type": "kalman", "acceleration_density": 0.01}
+PLANNERS: dict[str, dict[str, Any]] = {
+    "five": {"predictor": KALMAN, "speed": 1.25, "seen": 5, "static_region": None},
+    "forty": {"predictor": KALMAN, "speed": 1.25, "seen": 40, "most_obstacles": 10},
+    "recommended": {},
+    "nav2": {"predictor": KALMAN, "robot": "differential_drive", "speed": 0.4},
+    "contouring": {"predictor": KALMAN, "cost": "contouring"},
+    "paper's level": {"predictor": KALMAN, "level": "paper", "static_region": None},
+    "fixed, hard": {"predictor": "var", "level": "fixed", "penalty": None, "seen": 14},
+    "exact sum": {"predictor": KALMAN, "region": "minkowski_sum", "level": "discounted"},
+    "few slots": {"predictor": "imm", "most_obstacles": 2, "seen": 12},
+    "late": {"predictor": "constant_velocity", "latency": 0.12, "period": 0.1},
+}
+"""Name -> changes of the recommended planner, the robot, and how many people are seen."""
+WALLS = (
+    Polygon(((2.0, 1.2), (4.0, 1.2), (4.0, 2.5), (2.0, 2.5)), "box"),
+    Polygon(((5.0, -3.0), (9.0, -3.0), (9.0, -1.3), (7.0, -1.0)), "wall"),
+)
 
 
 def main() -> int:
     """Record, or compare and return 1 where anything differs."""
     asked = _arguments()
     if asked.action == "record":
-        record(asked.folder, asked.only or [*RUNS, REGIONS, SOLVES], asked.workers)
+        record(asked.folder, asked.only or [*RUNS, REGIONS, SOLVES, DRIVES], asked.workers)
         return 0
     different = list(differences(asked.folder, asked.other))
     print("\n".join(different or ["the same to the byte"]))
@@ -54,7 +83,7 @@ def main() -> int:
 
 
 def record(folder: Path, wanted: list[str], workers: int) -> None:
-    """Write the tables of every study, and two of regions and recorded instances."""
+    """Write the tables of every study, and those of regions, recorded instances and drives."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in wanted:
         print(f"recording {name} ...", flush=True)
@@ -62,6 +91,8 @@ def record(folder: Path, wanted: list[str], workers: int) -> None:
             _write(folder / REGIONS, region_rows())
         elif name == SOLVES:
             _write(folder / SOLVES, solve_rows())
+        elif name == DRIVES:
+            _write(folder / DRIVES, drive_rows())
         else:
             _run(name, folder, workers)
 
@@ -131,6 +162,42 @@ def solve_rows() -> Iterator[list[object]]:
                        float(found.cost).hex(), _digest(plan)]  # fmt: skip
 
 
+def drive_rows() -> Iterator[list[object]]:
+    """Yield a row for every decision of some planners: command, rung, digest of the plan."""
+    yield ["planner", "decision", "command", "rung", "reason", "iterations", "plan"]
+    with quiet():
+        for name, settings in PLANNERS.items():
+            changes = {"robot": "unicycle", **settings}
+            seen = changes.pop("seen", 6)
+            planner = recommended(changes.pop("robot"), quiet=True, **changes)
+            for k, (command, plan) in enumerate(_drive(planner, seen)):
+                numbers = plan.states, plan.inputs, plan.level, plan.target, plan.content
+                values = np.concatenate([one.ravel() for one in numbers])
+                yield [name, k, command, plan.rung, plan.reason, plan.iterations, _digest(values)]
+
+
+def _drive(planner: Planner, seen: int) -> Iterator[tuple[Command, Plan]]:
+    """Drive past people who walk, and walls, for some decisions."""
+    rng, robot, period = np.random.default_rng(7), planner.robot, planner.period
+    places = rng.uniform([-2.0, -6.0], [10.0, 6.0], (seen, 2))
+    velocities = 0.5 * rng.standard_normal((seen, 2))
+    plant = KinematicPlant(robot, *start_state(robot, (0.0, 0.0), (1.0, 0.0), 0.0))
+    planner.set_path(Course(np.array([[0.0, 0.0], [12.0, 0.0], [14.0, 5.0]])))
+    for k in range(-30, 14):
+        now = places + period * k * velocities + 0.02 * rng.standard_normal((seen, 2))
+        people = [Detection(f"{i}", place, 4e-4 * np.eye(2), 0.3) for i, place in enumerate(now)]
+        walls = WALLS if planner.static_region is not None else ()
+        view = Observation(period * k, np.array(plant.state), tuple(people), polygons=walls)
+        if k < 0:
+            planner.remember(view)
+            continue
+        command = planner.command(view)
+        assert planner.plan is not None
+        yield command, planner.plan
+        plant.command(command, period * k)
+        plant.advance(period * k, period)
+
+
 def _run(name: str, folder: Path, workers: int) -> None:
     settings = [f"--set={key}={value}" for key, value in RUNS[name].items()]
     out = folder / "runs" / name
@@ -157,7 +224,7 @@ def _arguments() -> argparse.Namespace:
     recording = actions.add_parser("record", help="write tables into a folder")
     recording.add_argument("folder", type=Path)
     recording.add_argument("--workers", type=int, default=2)
-    recording.add_argument("--only", nargs="+", choices=[*RUNS, REGIONS, SOLVES])
+    recording.add_argument("--only", nargs="+", choices=[*RUNS, REGIONS, SOLVES, DRIVES])
     comparing = actions.add_parser("compare", help="compare two folders byte by byte")
     comparing.add_argument("folder", type=Path)
     comparing.add_argument("other", type=Path)

@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from wideberth import Detection, Observation, Path, build, register
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise
-from wideberth.framework.mpc.ocp.bodies import Body, bodies, body_starts
+from wideberth.framework.mpc.ocp.bodies import Body, BodyPath, bodies, body_starts
 from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
 from wideberth.framework.mpc.ocp.stage import Frame, slots
 from wideberth.framework.mpc.slots.base import (
@@ -26,10 +26,10 @@ from wideberth.framework.mpc.slots.base import (
     PlanningContext,
     SlotAssignment,
     SlotSizes,
+    Touch,
     next_capacity,
     used,
 )
-from wideberth.framework.mpc.slots.contact import BodyPath, Touch
 from wideberth.framework.mpc.slots.static_polygons import deviations
 from wideberth.framework.region import Auxiliary, Constraint
 from wideberth.framework.robot import Robot

@@ -47,11 +47,10 @@ class Solver(ABC):
     `unwrapped` first. The same problem, parameters and guesses give the same solution unless a
     deadline cuts it short. `wideberth.framework.testing.check_solver` states the laws.
 
-    The planner calls a solver in a thread of its own, unless it is a `BoundedSolver`, and leaves
-    it behind where it does not return (see `wideberth.framework.mpc.planner.watchdog`): another
-    call may begin while one still runs, so that calls must not share memory. Native code has to
-    release Python's lock, as CasADi and Numba's ``nogil`` do; a thread that keeps it stops the
-    whole process.
+    The planner calls a solver in a thread of its own, and leaves it behind where it does not
+    return (see `wideberth.framework.mpc.planner.watchdog`): another call may begin while one still
+    runs, so that calls must not share memory. Native code has to release Python's lock, as CasADi
+    and Numba's ``nogil`` do; a thread that keeps it stops the whole process.
     """
 
     @abstractmethod
@@ -73,17 +72,6 @@ class SizelessSolver(Solver):
 
     A planner makes its problems of every size before the first decision, not when it meets them.
     """
-
-
-class BoundedSolver(Solver):
-    """A solver whose solves end by themselves, after as many operations as its settings allow.
-
-    A planner without a deadline calls it in its own thread, which saves handing the call over.
-    """
-
-    @abstractmethod
-    def ends_by_itself(self, problem: Problem) -> bool:
-        """Whether that holds for a problem, which it has solved before."""
 
 
 class ManySolver(Solver):

@@ -40,7 +40,8 @@ def interpolated(
     row = {key: row for row, key in enumerate(clocks)}
     rows = [row[id(own)] for own in times]
     if len(clocks) > 1:
-        before, after, share = (found.take(rows, axis=0) for found in (before, after, share))
+        before, after = before.take(rows, axis=0), after.take(rows, axis=0)
+        share = share.take(rows, axis=0)
     count = np.array([len(own) for own in times])
     first = (np.cumsum(count) - count)[:, None]
     place = np.concatenate(positions)
@@ -72,12 +73,12 @@ def _looked_up(
     begin, end = clock.take(first + before), clock.take(first + after)
     width = end - begin
     # Cut off before it is divided: a width may be as small as 1e-300.
-    since = np.minimum(np.maximum(grid - begin, 0.0), width)
-    share = np.ones(width.shape)
+    since, share = np.minimum(np.maximum(grid - begin, 0.0), width), np.ones(width.shape)
     np.divide(since, width, out=share, where=width > 0)
     oldest, newest = clock.take(first), clock.take(first + count - 1)
     known = (grid >= oldest - slack) & (grid <= newest + slack)
-    known &= (np.abs(grid - end) <= slack) | (width <= bridge + slack)
+    if (gap := width > bridge + slack).any():
+        known &= ~gap | (np.abs(grid - end) <= slack)
     return before, after, share[..., None], known
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.transcription import Guess, Multipliers
 from ...framework.mpc.solver import (
-    BoundedSolver,
     CheapestSolver,
     ManySolver,
     SizelessSolver,
@@ -77,7 +76,7 @@ _AT_ONCE = 32
 
 @final
 @dataclass(frozen=True)
-class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
+class Riccati(ManySolver, SizelessSolver, CheapestSolver):
     """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
 
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
@@ -163,13 +162,6 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
                     rivals.add(found)
                 begin = perf_counter()
         return solutions
-
-    def ends_by_itself(self, problem: Problem) -> bool:
-        """Whether its own core solves a problem; where nothing can be compiled, fatrop does."""
-        try:
-            return bool(_compiled(problem))
-        except WideberthError:
-            return False
 
     def solve_many(
         self,

@@ -18,15 +18,17 @@ AREAS: dict[str, list[str]] = {
         "framework/tracking/perception.py",
         f"{MPC}/ocp/reference.py",
         f"{MPC}/costs/curve.py",
-        f"{MPC}/planner/*.py",
         *(
             f"{MPC}/planner/{name}.py"
-            for name in ("emergency", "instance_check", "rollout", "stopping")
+            for name in (
+                "best_response", "cycle", "emergency", "instance", "multistart", "planner",
+                "recommended", "rollout", "settings", "starts", "stopping", "watchdog",
+            )
         ),
     ],
     "ladder": [
         f"{MPC}/planner/giving_way.py", f"{MPC}/planner/rungs.py", f"{MPC}/planner/verify.py",
-        f"{MPC}/slots/contact.py", f"{MPC}/diagnosis/explain.py",
+        f"{MPC}/diagnosis/explain.py",
     ],
     "filling": [
         *(f"{MPC}/slots/{name}.py" for name in ("base", "gaussian_discs", "static_polygons")),

@@ -12,8 +12,7 @@ from ...values.plan import Status
 from ...values.tracks import Tracks
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from ..planner.cycle import Solved
-from ..planner.problem_cache import ProblemCache
+from ..planner.cycle import ProblemCache, Solved
 from ..planner.settings import PlannerSettings
 from ..planner.verify import TOLERANCE, violation
 from ..planner.watchdog import SAME

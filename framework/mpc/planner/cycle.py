@@ -26,8 +26,9 @@ from ...values.path import Path
 from ...values.plan import Plan, Situation
 from ...values.polygon import Polygon
 from ...values.tracks import Tracks
+from ..assembly import assemble
 from ..costs.base import ProgressCost
-from ..ocp.problem import Parameters
+from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import (
     ProgressRobot,
     progress_robot_of,
@@ -36,7 +37,14 @@ from ..ocp.progress_robot import (
 )
 from ..ocp.reference import PathProgress, Reference
 from ..ocp.transcription import Guess
-from ..slots.base import CAPACITIES, ActiveObstacles, PlanningContext, SlotAssignment, farthest
+from ..slots.base import (
+    CAPACITIES,
+    ActiveObstacles,
+    PlanningContext,
+    SlotAssignment,
+    SlotSizes,
+    farthest,
+)
 from ..slots.screen import Travel
 from ..solver import SizelessSolver
 from .emergency import command_of_plan, emergency
@@ -44,7 +52,6 @@ from .in_contact import InContact, expected_now
 from .instance import Instance
 from .multistart import MultiStart, MultiStartResult
 from .own_uncertainty import OwnUncertainty, carried
-from .problem_cache import ProblemCache
 from .rollout import RobotMotion, carry, follow
 from .rungs import LadderInput, choose
 from .settings import PlannerSettings, changed
@@ -94,6 +101,40 @@ class PlannerState:
             FORGET,
         )
         return cls(perception, None if path is None else PathProgress(path))
+
+
+class ProblemCache:
+    """Assembles the problem of each size once.
+
+    Parameters
+    ----------
+    settings : the plug-ins and numbers of the problems.
+    """
+
+    def __init__(self, settings: PlannerSettings) -> None:
+        self._settings = settings
+        self._made: dict[tuple[SlotSizes, ...], Problem] = {}
+
+    def __bool__(self) -> bool:
+        """Whether any has been made."""
+        return bool(self._made)
+
+    def of(self, rooms: tuple[SlotSizes, ...]) -> Problem:
+        """Return the problem with room for so many things of each kind."""
+        if rooms not in self._made:
+            own = self._settings
+            self._made[rooms] = assemble(
+                own.robot,
+                own.kinds,
+                own.level,
+                horizon=own.horizon,
+                dt=own.dt,
+                rooms=rooms,
+                cost=own.cost,
+                penalty=own.penalty,
+                stop_at_end=own.fallback.stop_at_end,
+            )
+        return self._made[rooms]
 
 
 @final

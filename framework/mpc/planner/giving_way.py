@@ -69,9 +69,10 @@ class PlanLevels:
             none = np.full((*kept.shape, auxiliaries.shape[2]), np.nan)
             parts.append((kept, beyond.level, _contents(kind, kept, size), none))
             ids += beyond.names
-        return cls(
-            ids, *(np.concatenate(some, axis=1) for some in zip(*parts, strict=True)), given_way
+        all_levels, targets, content, auxiliaries = (
+            np.concatenate(some, axis=1) for some in zip(*parts, strict=True)
         )
+        return cls(ids, all_levels, targets, content, auxiliaries, given_way)
 
 
 def achieved_levels(

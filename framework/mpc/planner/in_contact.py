@@ -29,8 +29,7 @@ from ...robot import Robot
 from ...values.arrays import Array
 from ...values.forecast import Forecast
 from ...values.tracks import Tracks
-from ..ocp.bodies import bodies
-from ..slots.contact import apart
+from ..ocp.bodies import apart, bodies
 from .rollout import brake
 
 LEAVING = 0.25

@@ -31,7 +31,7 @@ class Instance:
     last_inputs: Array | None = None
     in_contact: InContact | None = None
 
-    @property
+    @cached_property
     def robot(self) -> Robot:
         """The robot of the problem."""
         return self.around.robot

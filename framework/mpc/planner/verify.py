@@ -10,7 +10,7 @@ from ...values.arrays import Array, all_finite
 from ...values.plan import Breach, BreachKind, Status
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from ..slots.contact import Touch
+from ..slots.base import Touch
 from ..solver import Solution
 from .instance import Instance
 from .rollout import clip, follow

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..ocp.transcription import Guess
-from ..solver import BoundedSolver, Solution, Solver, on_time, solve_cheapest
+from ..solver import Solution, Solver, on_time, solve_cheapest
 from .instance import Instance
 
 RESERVE = 0.1
@@ -138,12 +138,10 @@ class Watch:
     ) -> list[Solution]:
         """Call with what is left of the time for each of ``count`` solves."""
         if budget.deadline is None:
-            solver, problem = self._solver, instance.problem
-            first = problem.key not in self._used
-            self._used.add(problem.key)
-            if not first and isinstance(solver, BoundedSolver) and solver.ends_by_itself(problem):
-                return call(None)
-            return watched(partial(call, None), PATIENCE * count * (COMPILING if first else 1.0))
+            key = instance.problem.key
+            patience = PATIENCE * (1.0 if key in self._used else COMPILING)
+            self._used.add(key)
+            return watched(partial(call, None), patience * count)
         begin, left = budget.spent(), max(budget.left(), 1e-3)
 
         def compiled_first() -> list[Solution]:

@@ -8,7 +8,7 @@ solvers, re-check and C export know this interface and no kind.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from inspect import getdoc
 from math import hypot
 from typing import Any, ClassVar, TypeAlias, final
@@ -26,7 +26,6 @@ from ..ocp.problem import Parameters, Problem, SlotNumbers, Slots
 from ..ocp.reference import Reference
 from ..ocp.stage import Frame
 from ..ocp.transcription import Guess
-from .contact import Touch
 
 CAPACITIES = (0, 1, 2, 5, 10, 20, 50, 100)
 """Slots that problems are compiled for: one obstacle in a problem made for 20 costs IPOPT
@@ -80,6 +79,41 @@ class PlanningContext:
     margin: float
     aside: float
     most: int
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """How deep the bodies are in things on the way to each step.
+
+    Attributes
+    ----------
+    depth : (N,), m; 0 where nothing is touched.
+    names : of the thing that each is about.
+    """
+
+    depth: Array
+    names: tuple[str, ...]
+
+    @staticmethod
+    def none(steps: int) -> "Touch":
+        """Nothing is touched."""
+        return _nothing(steps)
+
+    def deeper(self, other: "Touch") -> "Touch":
+        """Return the deeper of two contacts at each step."""
+        if other is self or not (more := other.depth > self.depth).any():
+            return self
+        pairs = zip(self.names, other.names, more, strict=True)
+        names = tuple(second if deep else first for first, second, deep in pairs)
+        return Touch(np.where(more, other.depth, self.depth), names)
+
+
+@lru_cache(maxsize=16)
+def _nothing(steps: int) -> Touch:
+    """Return the same contact for the same number of steps: most plans touch nothing."""
+    depth = np.zeros(steps)
+    depth.setflags(write=False)
+    return Touch(depth, ("",) * steps)
 
 
 class KnownObstacles(ABC):

@@ -1,6 +1,7 @@
 """Gaussian discs: obstacles of a forecast, each a disc around an uncertain place."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple, final
 
@@ -15,7 +16,7 @@ from ...values.errors import WideberthError
 from ...values.forecast import LIGHT, Forecast, GaussianObstacle
 from ...values.motion import Pose
 from ..levels.base import LevelPolicy, Promise, tail_of
-from ..ocp.bodies import Body, bodies, body_starts, discs
+from ..ocp.bodies import Body, apart, bodies, body_starts, discs
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.reference import Reference
 from ..ocp.stage import Frame, slots
@@ -29,12 +30,12 @@ from .base import (
     PlanningContext,
     SlotAssignment,
     SlotSizes,
+    Touch,
     farthest,
     next_capacity,
     quoted,
     used,
 )
-from .contact import Touch, apart
 from .screen import leaves_out, out_of_reach
 
 
@@ -208,9 +209,20 @@ def _levels(
 ) -> tuple[Array, dict[str, int]]:
     """Levels (N, M) of all that share what a policy allows, and the place of each name."""
     names = dict.fromkeys(obstacles.counted or obstacles.ids)
-    steps, _, size = obstacles.mean.shape
-    levels = policy.levels(region, steps, max(len(names), 1), size)
+    asked = policy, region, len(obstacles.mean), max(len(names), 1), obstacles.mean.shape[2]
+    try:
+        levels = _known_levels(*asked)
+    except TypeError:  # a third party's policy or region may not be hashable
+        levels = policy.levels(*asked[1:])
     return levels, {name: place for place, name in enumerate(names)}
+
+
+@lru_cache(maxsize=64)
+def _known_levels(
+    policy: LevelPolicy, region: Region, steps: int, count: int, dimension: int
+) -> Array:
+    """Levels of a policy, which is pure; the same are asked for at every decision."""
+    return policy.levels(region, steps, count, dimension)
 
 
 class DiscNumbers(NamedTuple):

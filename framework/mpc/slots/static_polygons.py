@@ -17,7 +17,7 @@ from ...values.errors import WideberthError
 from ...values.motion import Pose
 from ...values.polygon import MOST_CORNERS, Polygon, edge_normals, separation
 from ..levels.base import LevelPolicy
-from ..ocp.bodies import Body, bodies, body_starts
+from ..ocp.bodies import Body, BodyPath, bodies, body_starts
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.stage import Frame, slots
 from .base import (
@@ -26,11 +26,11 @@ from .base import (
     SlotAssignment,
     SlotKind,
     SlotSizes,
+    Touch,
     next_capacity,
     quoted,
     used,
 )
-from .contact import BodyPath, Touch
 
 CORNERS = (4, 6, 8, 12, MOST_CORNERS)
 """Vertices that problems are compiled for; a convex part with fewer repeats its last one."""

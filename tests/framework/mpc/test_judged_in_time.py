@@ -15,7 +15,7 @@ from wideberth.experiments.studies.prediction_benchmark import Protocol, calibra
 from wideberth.experiments.studies.prediction_data import PredictionData
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.verify import Violation
-from wideberth.framework.mpc.slots.contact import Touch
+from wideberth.framework.mpc.slots.base import Touch
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.tracking.windows import cut_windows

@@ -44,8 +44,12 @@ from wideberth.framework.mpc.planner.verify import (
     price,
     verify,
 )
-from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment, shared_target
-from wideberth.framework.mpc.slots.contact import Touch
+from wideberth.framework.mpc.slots.base import (
+    ActiveObstacles,
+    SlotAssignment,
+    Touch,
+    shared_target,
+)
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons, choose_walls
 from wideberth.framework.mpc.solver import Solution

@@ -25,8 +25,8 @@ from wideberth.framework.mpc.slots.base import (
     SlotAssignment,
     SlotKind,
     SlotSizes,
+    Touch,
 )
-from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
 from wideberth.framework.mpc.slots.ways import Ways

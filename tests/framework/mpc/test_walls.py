@@ -10,14 +10,13 @@ import shapely
 
 from wideberth.framework.mpc.assembly import assemble as make
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.ocp.bodies import Body, bodies
+from wideberth.framework.mpc.ocp.bodies import Body, BodyPath, bodies
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.instance import Instance
 from wideberth.framework.mpc.planner.rollout import steer
 from wideberth.framework.mpc.planner.verify import verify, violation
-from wideberth.framework.mpc.slots.contact import BodyPath
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import (
     CORNERS,

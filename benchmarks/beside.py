@@ -1,0 +1,112 @@
+"""Time whole decisions of two checkouts in turn, and compare their commands and plans.
+
+    python benchmarks/beside.py ../old/wideberth
+
+Each checkout decides in a process of its own, with its own virtual environment, what
+`decision.Drive` of its own benchmarks asks: a few decisions here, as many there, and so on, so
+that both meet the same load of the machine. Times are processor time of the process.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+from hashlib import sha256
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parents[1]
+SEEN = (5, 40)
+AT_ONCE = 5
+"""Decisions of one checkout before it is the other one's turn."""
+
+
+def main() -> int:
+    """Compare; or, asked by another process, decide."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("other", type=Path)
+    parser.add_argument("--drives", type=int, default=3)
+    parser.add_argument("--turns", type=int, default=30)
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.serve:
+        return serve(asked.other)
+    same = [compared(asked.other.resolve(), seen, asked.drives, asked.turns) for seen in SEEN]
+    return int(not all(same))
+
+
+def compared(other: Path, seen: int, drives: int, turns: int) -> bool:
+    """Print the ratio of this checkout to another one; return whether they decide the same."""
+    ratios, same = [], True
+    both = Served(other), Served(HERE)
+    for drive in range(drives):
+        for one in both:
+            one.ask(f"{seen} {drive}")
+        for turn in range(turns):
+            order = both if turn % 2 else both[::-1]
+            found = {one: one.ask(f"{AT_ONCE}").split() for one in order}
+            before, after = (found[one] for one in both)
+            same &= before[1] == after[1]
+            ratios.append(float(after[0]) / float(before[0]))
+    low, high = np.quantile(ratios, [0.25, 0.75])
+    words = f"{seen} seen: {median(ratios):.3f} of the time, quartiles {low:.3f} to {high:.3f}"
+    print(f"{words}; the same bytes: {same}", flush=True)
+    for one in both:
+        one.end()
+    return same
+
+
+class Served:
+    """A checkout that decides when it is asked."""
+
+    def __init__(self, folder: Path) -> None:
+        command = [folder / ".venv" / "bin" / "python", __file__, folder, "--serve"]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def ask(self, line: str) -> str:
+        """Send a line, and return the answer."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+        return self._process.stdout.readline().strip()
+
+    def end(self) -> None:
+        """Let it go."""
+        self._process.communicate()
+
+
+def serve(folder: Path) -> int:
+    """Answer lines: two numbers begin a drive, one asks for so many decisions."""
+    sys.path.insert(0, str(folder / "benchmarks"))
+    from decision import Drive
+
+    from wideberth.framework.control.rate_limited_warnings import quiet
+
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # whatever else is printed
+    with quiet():
+        Drive(SEEN[0], 0).decide()
+        drive = None
+        for line in sys.stdin:
+            numbers = [int(word) for word in line.split()]
+            if len(numbers) == 2:
+                drive = Drive(*numbers)
+                print("begun", file=answers, flush=True)
+                continue
+            assert drive is not None
+            found = [drive.decide() for _ in range(numbers[0])]
+            said = sha256()
+            for _, (command, plan) in found:
+                said.update(repr((command, str(plan.rung), plan.ids, plan.reason)).encode())
+                for array in (plan.states, plan.inputs, plan.level, plan.content):
+                    said.update(np.ascontiguousarray(array).tobytes())
+            print(sum(taken for taken, _ in found), said.hexdigest(), file=answers, flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
