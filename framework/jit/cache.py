@@ -31,13 +31,15 @@ def folder() -> Path:
 
     Raises
     ------
-    OSError : it cannot be made, or other users may write there.
+    OSError : it cannot be made, its user has no home folder, or other users may write there.
     """
     import platformdirs
 
-    base = platformdirs.user_cache_path("wideberth", appauthor=False)
-    if chosen := os.environ.get("WIDEBERTH_CACHE"):
-        base = Path(os.path.expanduser(chosen))
+    chosen = os.environ.get("WIDEBERTH_CACHE")
+    try:
+        base = Path(chosen or platformdirs.user_cache_dir("wideberth", False)).expanduser()
+    except RuntimeError as error:  # there is no home folder
+        raise OSError(f"no place for it: {error}; set WIDEBERTH_CACHE") from None
     root = base.absolute() / "jit"
     root.mkdir(0o700, parents=True, exist_ok=True)
     if not _own(root.stat()):

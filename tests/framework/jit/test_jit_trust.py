@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import platformdirs
 import pytest
 
 from wideberth.framework.jit import cache
@@ -124,6 +125,17 @@ def test_no_place(again: Again, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     monkeypatch.setenv("WIDEBERTH_CACHE", str(tmp_path / "file" / "cache"))
     (line,) = again(DOUBLE)
     assert "this run only" in line
+    monkeypatch.setenv("WIDEBERTH_CACHE", "~nosuchuser/cache")
+    (line,) = again(DOUBLE)
+    assert "this run only" in line and "set WIDEBERTH_CACHE" in line
+
+    def homeless(*_: object) -> str:
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.delenv("WIDEBERTH_CACHE")
+    monkeypatch.setattr(platformdirs, "user_cache_dir", homeless)
+    (line,) = again(DOUBLE)
+    assert "this run only" in line and "set WIDEBERTH_CACHE" in line
 
 
 def test_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
