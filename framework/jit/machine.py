@@ -28,6 +28,8 @@ _LIBRARY = (
 )
 """Functions of the C library that code may call: those of `operations`, what LLVM makes of them,
 and memory."""
+MEMORY = {"wideberth_take": "malloc", "wideberth_give": "free"}
+"""Names by which code asks for memory: the C library gives it here, else who embeds the code."""
 
 _GUARD = RLock()
 _HELD: list[Any] = []
@@ -163,7 +165,7 @@ def _of_the_system() -> Mapping[str, int]:
         with suppress(OSError):  # the search needs a folder for temporary files
             if where := ctypes.util.find_library("m"):
                 found = {**_addresses(ctypes.CDLL(where)), **found}
-    return found
+    return {**found, **{name: found[own] for name, own in MEMORY.items() if own in found}}
 
 
 def _addresses(library: ctypes.CDLL) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Object files of Linux without a tool: give symbols other names, and put files into an archive.
+"""Object files of Linux without a tool: what they define and want, and archives of them.
 
 What a linker takes as a static library is a row of object files behind a list of the functions
 that they define. Both formats are short; nothing but Python writes them here, so that code for
@@ -26,10 +26,9 @@ _GLOBAL = 1
 
 @dataclass(frozen=True)
 class _Symbol:
-    """A symbol: its name, where its entry stands; whether others see it, and find it here."""
+    """A symbol: its name, whether others see it, and whether they find it here."""
 
-    name: bytes
-    place: int
+    name: str
     visible: bool
     here: bool
 
@@ -41,7 +40,7 @@ def defined(code: bytes) -> tuple[str, ...]:
     ------
     WideberthError : no object file of 64-bit Linux.
     """
-    return tuple(one.name.decode() for one in _symbols(code)[0] if one.visible and one.here)
+    return tuple(one.name for one in _symbols(code) if one.visible and one.here)
 
 
 def wanted(code: bytes) -> tuple[str, ...]:
@@ -51,37 +50,11 @@ def wanted(code: bytes) -> tuple[str, ...]:
     ------
     WideberthError : no object file of 64-bit Linux.
     """
-    return tuple(sorted(one.name.decode() for one in _symbols(code)[0] if not one.here))
+    return tuple(sorted(one.name for one in _symbols(code) if not one.here))
 
 
-def renamed(code: bytes, names: Mapping[str, str]) -> bytes:
-    """Give symbols of an object file other names.
-
-    New names are put behind the present ones in a copy of their table at the end of the file.
-
-    Raises
-    ------
-    WideberthError : no object file of 64-bit Linux, or it lacks one of the names.
-    """
-    symbols, header = _symbols(code)
-    missing = sorted({*names} - {one.name.decode() for one in symbols})
-    if missing:
-        raise WideberthError(f"the object file has no symbols {missing}; nothing is renamed")
-    section = list(_SECTION.unpack_from(code, header))
-    texts = bytearray(code[section[4] : section[4] + section[5]])
-    changed = bytearray(code)
-    for one in symbols:
-        if (new := names.get(one.name.decode())) is not None:
-            struct.pack_into("<I", changed, one.place, len(texts))
-            texts += new.encode() + b"\0"
-    changed += bytes(-len(changed) % 8)
-    section[4], section[5] = len(changed), len(texts)
-    _SECTION.pack_into(changed, header, *section)
-    return bytes(changed + texts)
-
-
-def _symbols(code: bytes) -> tuple[list[_Symbol], int]:
-    """All symbols with a name, and where the header of the table of their names stands."""
+def _symbols(code: bytes) -> list[_Symbol]:
+    """All symbols with a name."""
     if code[: len(_MAGIC)] != _MAGIC:
         raise WideberthError("this is no object file of 64-bit Linux (ELF)")
     (first,) = struct.unpack_from("<Q", code, 40)
@@ -97,8 +70,8 @@ def _symbols(code: bytes) -> tuple[list[_Symbol], int]:
             name, info, _, where, *_ = _SYMBOL.unpack_from(code, place)
             text = code[texts + name : code.index(b"\0", texts + name)]
             if text:
-                found.append(_Symbol(text, place, info >> 4 == _GLOBAL, where != 0))
-        return found, headers[link]
+                found.append(_Symbol(text.decode(), info >> 4 == _GLOBAL, where != 0))
+        return found
     raise WideberthError("this object file has no symbols")
 
 

@@ -32,7 +32,8 @@ from numba import njit
 from numba.extending import overload
 
 from ...framework.jit.columns import caller
-from ..interior_point import (
+from ._protocol import KERNEL, NUMBER, OUTCOME, SETTING, SIZE, SlotKernels
+from .interior_point import (
     ARMIJO,
     BARRIER_FACTOR,
     BARRIER_POWER,
@@ -69,7 +70,6 @@ from ..interior_point import (
     TRIALS,
     WARM_RANGE,
 )
-from ._protocol import KERNEL, NUMBER, OUTCOME, SETTING, SIZE, SlotKernels
 
 call = caller()
 INF = np.inf

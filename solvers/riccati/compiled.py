@@ -31,7 +31,7 @@ from ...framework.region import Auxiliary
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from . import _protocol as protocol
-from . import apart, emit, objects
+from . import emit, objects
 from ._protocol import SlotKernels
 from .kernels import Kernels, Slot, SlotShape, build, carried, eliminate, expand, slot_name, sweep
 from .workspace import Entry, Workspace, shape_of
@@ -106,7 +106,7 @@ def _shipped_or_compiled(kinds: int) -> int:
         [objects.ENTRY],
         lambda line: announce(f"{line} [{why}]"),
         USUAL["solver"],
-        lambda: apart.compiled(kinds),
+        lambda: emit.compile_in_subprocess(kinds),
     )
     return found[objects.ENTRY]
 

@@ -2,9 +2,10 @@
 
 ``python -m wideberth.solvers.riccati.emit`` makes the shipped objects anew, which
 takes some minutes. The object has one function, `objects.ENTRY`, and needs nothing of Numba or
-Python when it runs: memory is that of the C library, see `_SUPPORT`.
+Python when it runs: it takes memory from `wideberth_take`, see ``support.ll``.
 """
 
+import atexit
 import json
 import lzma
 import os
@@ -15,133 +16,16 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
-from ...framework.jit.machine import Target, llvm, object_code
+from ...framework.jit.machine import Target, host, llvm, object_code
 from ...framework.values.errors import WideberthError
 from . import _protocol as protocol
 from . import objects
 
-_SUPPORT = """
-declare ptr @malloc(i64)
-declare void @free(ptr)
-
-define ptr @NRT_MemInfo_alloc(i64 %size) {
-  %found = call ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 16)
-  ret ptr %found
-}
-
-define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
-  %step = zext i32 %align to i64
-  %room = add i64 %step, 64
-  %all = add i64 %size, %room
-  %block = call ptr @malloc(i64 %all)
-  %none = icmp eq ptr %block, null
-  br i1 %none, label %failed, label %made
-made:
-  %start = ptrtoint ptr %block to i64
-  %behind = add i64 %start, 63
-  %above = add i64 %behind, %step
-  %mask = sub i64 0, %step
-  %place = and i64 %above, %mask
-  %data = inttoptr i64 %place to ptr
-  %data.at = getelementptr i8, ptr %block, i64 24
-  %size.at = getelementptr i8, ptr %block, i64 32
-  store i64 1, ptr %block
-  store ptr %data, ptr %data.at
-  store i64 %size, ptr %size.at
-  ret ptr %block
-failed:
-  ret ptr null
-}
-
-define void @NRT_MemInfo_call_dtor(ptr %block) {
-  call void @free(ptr %block)
-  ret void
-}
-
-define void @NRT_incref(ptr %block) noinline {
-  %none = icmp eq ptr %block, null
-  br i1 %none, label %done, label %some
-some:
-  %held = load i64, ptr %block
-  %more = add i64 %held, 1
-  store i64 %more, ptr %block
-  br label %done
-done:
-  ret void
-}
-
-define void @NRT_decref(ptr %block) noinline {
-  %none = icmp eq ptr %block, null
-  br i1 %none, label %done, label %some
-some:
-  %held = load i64, ptr %block
-  %less = sub i64 %held, 1
-  store i64 %less, ptr %block
-  %last = icmp eq i64 %less, 0
-  br i1 %last, label %drop, label %done
-drop:
-  call void @free(ptr %block)
-  br label %done
-done:
-  ret void
-}
-
-define ptr @NRT_Allocate(i64 %size) {
-  %block = call ptr @malloc(i64 %size)
-  ret ptr %block
-}
-
-define void @NRT_Free(ptr %block) {
-  call void @free(ptr %block)
-  ret void
-}
-
-define i32 @numba_attempt_nocopy_reshape(
-    i64 %nd, ptr %dims, ptr %strides, i64 %count, ptr %lengths, ptr %found, i64 %item, i32 %order
-) {
-entry:
-  %last = sub i64 %count, 1
-  br label %next
-next:
-  %k = phi i64 [ %last, %entry ], [ %less, %write ]
-  %stride = phi i64 [ %item, %entry ], [ %wider, %write ]
-  %some = icmp sge i64 %k, 0
-  br i1 %some, label %write, label %done
-write:
-  %found.at = getelementptr i64, ptr %found, i64 %k
-  store i64 %stride, ptr %found.at
-  %length.at = getelementptr i64, ptr %lengths, i64 %k
-  %length = load i64, ptr %length.at
-  %wider = mul i64 %stride, %length
-  %less = sub i64 %k, 1
-  br label %next
-done:
-  ret i32 1
-}
-
-@PyExc_RuntimeError = global ptr null
-
-define void @PyErr_SetString(ptr %kind, ptr %text) {
-  ret void
-}
-
-define ptr @PyUnicode_FromKindAndData(i32 %kind, ptr %data, i64 %size) {
-  ret ptr null
-}
-
-define i64 @PyObject_Hash(ptr %one) {
-  ret i64 0
-}
-
-define ptr @PyTuple_Pack(i64 %count, ...) {
-  ret ptr null
-}
-"""
-"""What compiled code asks of Numba's runtime, on memory of the C library. References are counted
-by one thread, since arrays of a solve are its own; arrays that are reshaped are contiguous. The
-texts of exceptions, which only Python could read, are left out."""
+_SUPPORT = Path(__file__).with_name("support.ll")
+"""What compiled code asks of Numba's runtime."""
 
 _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
@@ -187,6 +71,38 @@ def compiled(kinds: int, target: Target) -> bytes:
             f"Numba does not compile the solver ({type(error).__name__}: {error}); take a solver "
             "that needs no compilation, such as 'fatrop', and report this"
         ) from error
+
+
+def compile_in_subprocess(kinds: int) -> bytes:
+    """Return the core as object code for this processor, compiled by another process.
+
+    Numba holds Python's lock while it compiles and keeps some 300 MB: so this process neither
+    waits nor grows. The other one ends with this one.
+
+    Raises
+    ------
+    WideberthError : Numba is missing or switched off, or the other process fails.
+    """
+    compiler()
+    command = [sys.executable or "python", "-m", __name__, _HOST, str(kinds)]
+    try:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    except OSError as error:
+        raise WideberthError(
+            f"no process can be started to compile the solver: {error}"
+        ) from error
+    atexit.register(process.kill)
+    code, said = process.communicate()
+    atexit.unregister(process.kill)
+    if process.returncode:
+        last = said.decode(errors="replace").strip().splitlines()[-1:]
+        why = "".join(last) or f"it ended with code {process.returncode}"
+        raise WideberthError(f"the solver is not compiled: {why}")
+    return code
+
+
+_HOST = "host"
+"""This processor, where the name of a shipped object may stand as well."""
 
 
 def compiler() -> str:
@@ -258,7 +174,7 @@ def _alone(text: str, name: str) -> str:
     text = re.sub(r"(define [^@]*)@(NRT_incref|NRT_decref)\(", r"\1@\2.unused(", text)
     text += "\ndeclare void @NRT_incref(ptr)\ndeclare void @NRT_decref(ptr)\n"
     module = tool.parse_assembly(text)
-    module.link_in(tool.parse_assembly(_SUPPORT))
+    module.link_in(tool.parse_assembly(_SUPPORT.read_text(encoding="utf-8")))
     defined = [*module.functions, *module.global_variables]
     for one in defined:
         if not one.is_declaration and one.name != objects.ENTRY:
@@ -294,7 +210,7 @@ def emitted(name: str) -> bytes:
     model = one.target.cpu if one.machine == "x86_64" else "x86-64"
     settings = {"NUMBA_CPU_NAME": model, "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
     ran = subprocess.run(
-        [sys.executable, "-m", f"{__package__}.emit", name],
+        [sys.executable, "-m", f"{__package__}.emit", name, str(objects.KINDS)],
         env={**os.environ, **settings}, capture_output=True, check=False,
     )  # fmt: skip
     if ran.returncode:
@@ -317,7 +233,9 @@ def _main() -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        sys.stdout.buffer.write(compiled(objects.KINDS, objects.PROCESSORS[sys.argv[1]].target))
-    else:
+    if len(sys.argv) == 1:
         _main()
+    else:
+        name, kinds = sys.argv[1:]
+        target = host() if name == _HOST else objects.PROCESSORS[name].target
+        sys.stdout.buffer.write(compiled(int(kinds), target))

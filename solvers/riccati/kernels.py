@@ -36,7 +36,7 @@ import numpy as np
 
 from ...framework.mpc.ocp.problem import Problem, Slots
 from ...framework.numerics.symbolic import ca
-from ..interior_point import EQUALITY_REGULARISATION, SMALLEST_OWN_PIVOT, SMALLEST_PIVOT
+from .interior_point import EQUALITY_REGULARISATION, SMALLEST_OWN_PIVOT, SMALLEST_PIVOT
 
 
 @dataclass(frozen=True)

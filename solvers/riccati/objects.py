@@ -28,7 +28,8 @@ _SOURCES = (
     "_core.py",
     "_protocol.py",
     "emit.py",
-    "../interior_point.py",
+    "interior_point.py",
+    "support.ll",
     "../../framework/jit/columns.py",
 )
 """Files that the core consists of: after a change of any of them it has to be compiled anew."""

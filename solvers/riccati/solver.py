@@ -28,7 +28,8 @@ from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Status
 from ..fatrop import Fatrop
-from ..interior_point import (
+from ._protocol import OUTCOME, SETTING, Numbers, Outcomes, Settings
+from .interior_point import (
     BARRIER_TEST,
     ITERATIONS,
     LARGEST_GRADIENT,
@@ -43,7 +44,6 @@ from ..interior_point import (
     TOLERANCE,
     WARM_DISTANCE,
 )
-from ._protocol import OUTCOME, SETTING, Numbers, Outcomes, Settings
 
 if TYPE_CHECKING:
     from .compiled import CompiledProblem
@@ -127,7 +127,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
     ) -> list[Solution]:
         """Solve from each guess, but for those that lead to no cheaper plan.
 
-        See `_core.hopeless` and `_Rivals.most` for when a solve is given up.
+        See `_core.hopeless` and `_OtherPlans.most` for when a solve is given up.
         """
         return self._each(problem, parameters, guesses, deadline, known, within)
 
@@ -150,16 +150,16 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
         solutions: list[Solution] = []
         with made.workspace(parameters) as space:
             space.fill(parameters)
-            rivals = None if known is None else _Rivals(space, within)
+            others = None if known is None else _OtherPlans(space, within)
             for one in known or ():
-                if rivals is not None and one.status is Status.SOLVED:
-                    rivals.add(one)
+                if others is not None and one.status is Status.SOLVED:
+                    others.add(one)
             for guess in guesses:
-                found = self._one(problem, parameters, guess, deadline, space, run, begin, rivals)
+                found = self._one(problem, parameters, guess, deadline, space, run, begin, others)
                 found = on_time(found, perf_counter() - begin, deadline)
                 solutions.append(found)
-                if rivals is not None and found.status is Status.SOLVED:
-                    rivals.add(found)
+                if others is not None and found.status is Status.SOLVED:
+                    others.add(found)
                 begin = perf_counter()
         return solutions
 
@@ -240,7 +240,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
         space: "Workspace",
         run: "Entry",
         begin: float,
-        rivals: "_Rivals | None",
+        others: "_OtherPlans | None",
     ) -> Solution:
         """Call the compiled core and read its result.
 
@@ -248,13 +248,13 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
         """
         guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
         before = 0
-        warm = self._begin(problem, space, guess, rivals)
+        warm = self._begin(problem, space, guess, others)
         self._run(run, space, begin, deadline)
         if warm and _failed(problem, space.ended):
             before = int(space.ended.iterations)
-            self._begin(problem, space, replace(guess, multipliers=None), rivals)
+            self._begin(problem, space, replace(guess, multipliers=None), others)
             self._run(run, space, begin, deadline)
-        cut = None if rivals is None else rivals.most
+        cut = None if others is None else others.most
         return self._result(problem, space, guess, before, begin, cut)
 
     def _begin(
@@ -262,14 +262,14 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
         problem: Problem,
         space: "Workspace",
         guess: Guess,
-        rivals: "_Rivals | None" = None,
+        others: "_OtherPlans | None" = None,
     ) -> bool:
         """Fill in a guess; return whether the core starts from multipliers."""
         multipliers = guess.multipliers
         warm = multipliers is not None and space.take(multipliers)
         settings = self.settings_for(problem, guess, warm=warm)
-        if rivals is not None:
-            rivals.write(settings)
+        if others is not None:
+            others.write(settings)
         space.begin(settings, guess)
         return warm
 
@@ -328,7 +328,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
         return settings
 
 
-class _Rivals:
+class _OtherPlans:
     """Plans from other starts, with which solves in a workspace are compared.
 
     Parameters
@@ -359,7 +359,7 @@ class _Rivals:
         return max(patient, PATIENT_SHARE * self._fewest)
 
     def write(self, settings: Array) -> None:
-        """Tell the next solve of all plans."""
+        """Write the plans that are known into the settings of the next solve."""
         settings[SETTING.plans], settings[SETTING.best] = self._count, self._best
         settings[SETTING.within] = self._within
         settings[SETTING.iterations] = min(settings[SETTING.iterations], np.floor(self.most))

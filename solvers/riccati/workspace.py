@@ -9,6 +9,7 @@ import ctypes
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -198,33 +199,10 @@ def _check(status: int) -> None:
 @cache
 def _row_of_calls() -> Any:
     """Return native code that calls an entry for a row of tables, until a status is not 0."""
-    place = loaded(object_code(_ROW_OF_CALLS, host()), ["row_of_calls"])["row_of_calls"]
+    source = Path(__file__).with_name("row_of_calls.ll").read_text(encoding="utf-8")
+    place = loaded(object_code(source, host()), ["row_of_calls"])["row_of_calls"]
     words = [ctypes.c_void_p] * 3
     return ctypes.CFUNCTYPE(ctypes.c_int, *words, ctypes.c_int64)(place)
-
-
-_ROW_OF_CALLS = """
-define i32 @row_of_calls(ptr %entry, ptr %scratch, ptr %tables, i64 %count) {
-begin:
-  %other = getelementptr i64, ptr %scratch, i64 1
-  br label %next
-next:
-  %i = phi i64 [ 0, %begin ], [ %following, %go ]
-  %following = add i64 %i, 1
-  %more = icmp slt i64 %i, %count
-  br i1 %more, label %go, label %done
-go:
-  %place = getelementptr ptr, ptr %tables, i64 %i
-  %table = load ptr, ptr %place
-  %status = call i32 %entry(ptr %scratch, ptr %other, ptr %table)
-  %well = icmp eq i32 %status, 0
-  br i1 %well, label %next, label %ill
-ill:
-  ret i32 %status
-done:
-  ret i32 0
-}
-"""
 
 
 def _head(parameters: Parameters) -> tuple[Array, Array, Array, Array]:

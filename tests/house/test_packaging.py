@@ -61,7 +61,8 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     wanted |= {f"wideberth/docs/{name}.md" for name in ("results", "metrics")}  # for reports
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
     wanted |= {"wideberth/nav2/names.yaml"}
-    shipped = (ROOT / "solvers/riccati/objects").iterdir()
+    core = ROOT / "solvers/riccati"
+    shipped = [*core.glob("*.ll"), *(core / "objects").iterdir()]
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
     programs = (ROOT / "solvers/export/solver/c").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in programs}

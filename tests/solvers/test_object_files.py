@@ -1,10 +1,10 @@
-"""Object files are renamed and packed so that a linker takes them."""
+"""Object files are packed so that a linker takes them."""
 
 import pytest
 
 from wideberth.framework.jit.machine import Target, object_code
 from wideberth.framework.values.errors import WideberthError
-from wideberth.solvers.export.object_files import archive, defined, renamed, wanted
+from wideberth.solvers.export.object_files import archive, defined, wanted
 
 TARGET = Target("x86_64-unknown-linux-gnu", "x86-64")
 SOURCE = """
@@ -32,18 +32,9 @@ def test_names_that_are_defined_and_wanted(code: bytes) -> None:
     assert sorted(defined(code)) == ["found", "three"] and wanted(code) == ("malloc",)
 
 
-def test_other_names(code: bytes) -> None:
-    new = renamed(code, {"malloc": "taken_from_the_caller", "three": "drei"})
-    assert sorted(defined(new)) == ["drei", "found"]
-    assert wanted(new) == ("taken_from_the_caller",)
-    again = renamed(new, {"taken_from_the_caller": "malloc", "drei": "three"})
-    assert (defined(again), wanted(again)) == (defined(code), wanted(code))
-    with pytest.raises(WideberthError, match="no symbols \\['calloc'\\]"):
-        renamed(code, {"calloc": "x"})
-
-
 def test_the_list_of_an_archive_leads_to_its_members(code: bytes) -> None:
-    other = renamed(code, {"found": "two", "three": "four"})
+    text = SOURCE.replace("@found", "@two").replace("@three", "@four")
+    other = object_code(text, TARGET, optimise=False)
     packed = archive({"a.o": code, "odd.o": other + b"x", "c.o": code})
     assert packed.startswith(b"!<arch>\n")
     size = int(packed[8 + 48 : 8 + 58])

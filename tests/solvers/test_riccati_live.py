@@ -15,7 +15,7 @@ from wideberth import Observation, build
 from wideberth import Path as Route
 from wideberth.framework.values.errors import WideberthError
 from wideberth.solvers.fatrop import Fatrop
-from wideberth.solvers.riccati import apart, compiled, emit, objects
+from wideberth.solvers.riccati import compiled, emit, objects
 from wideberth.solvers.riccati import solver as riccati
 from wideberth.solvers.riccati.live import RiccatiLive
 from wideberth.tests.solvers.test_riccati_trouble import (
@@ -44,7 +44,7 @@ def compiler(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNam
     def refuse(kinds: int) -> bytes:
         raise WideberthError("no shipped object code is for this processor")
 
-    monkeypatch.setattr(apart, "compiled", compile_slowly)
+    monkeypatch.setattr(emit, "compile_in_subprocess", compile_slowly)
     monkeypatch.setattr(objects, "shipped", refuse)
     monkeypatch.setattr(compiled, "_COMING", {})
     monkeypatch.setattr(compiled, "_core", cache(compiled._core.__wrapped__))
@@ -129,20 +129,20 @@ def test_a_process_that_compiles_nothing(
 ) -> None:
     monkeypatch.setattr(sys, "executable", executable)
     with pytest.raises(WideberthError, match=why):
-        apart.compiled(objects.KINDS)
+        emit.compile_in_subprocess(objects.KINDS)
 
 
 def test_what_went_wrong_in_the_other_process_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emit, "compiler", lambda: "")
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     with pytest.raises(WideberthError, match=r"not compiled.*NUMBA_DISABLE_JIT is set"):
-        apart.compiled(objects.KINDS)
+        emit.compile_in_subprocess(objects.KINDS)
 
 
 ENDS = """
 import atexit, subprocess, sys
 from threading import Event, Thread
-from wideberth.solvers.riccati import apart, emit
+from wideberth.solvers.riccati import emit
 popen, register, begun = subprocess.Popen, atexit.register, Event()
 def started(*given, **more):
     made = popen([sys.executable, "-c", "import time; time.sleep(600)"], **more)
@@ -152,7 +152,7 @@ def registered(call):
     register(call)
     begun.set()
 emit.compiler, subprocess.Popen, atexit.register = str, started, registered
-Thread(target=apart.compiled, args=(2,), daemon=True).start()
+Thread(target=emit.compile_in_subprocess, args=(2,), daemon=True).start()
 begun.wait()
 """
 

@@ -14,7 +14,7 @@ import pytest
 
 from wideberth.framework.jit import store
 from wideberth.framework.values.errors import WideberthError
-from wideberth.solvers.riccati import apart, compiled, emit, objects
+from wideberth.solvers.riccati import compiled, emit, objects
 
 NAME = "linux-x86_64-v3"
 FIRST = """
@@ -119,7 +119,7 @@ def test_numba_compiles_where_the_object_is_not_sound(
 ) -> None:
     calls = []
     code = objects.shipped(objects.KINDS)
-    monkeypatch.setattr(apart, "compiled", lambda *given: calls.append(given) or code)
+    monkeypatch.setattr(emit, "compile_in_subprocess", lambda *given: calls.append(given) or code)
     damage(shipped)
     with pytest.raises(WideberthError, match=why):
         objects.shipped(objects.KINDS)

@@ -59,7 +59,8 @@ def needs(problem: Problem, parameters: Parameters, guess: Guess, solver: Riccat
     sizes = {"align": _ALIGN, "room": _ROOM, "stack": _STACK, "paint": _PAINT}
     source = rendered("solver/counting.ll", **sizes)
     place = loaded(object_code(source, host(), optimise=False), _NAMES)
-    core = loaded(code, [objects.ENTRY], {"malloc": place["take"], "free": place["give"]})
+    counted = {"wideberth_take": place["take"], "wideberth_give": place["give"]}
+    core = loaded(code, [objects.ENTRY], counted)
     word = ctypes.c_int64
     begin = ctypes.CFUNCTYPE(None, word)(place["begin"])
     taken = ctypes.CFUNCTYPE(word)(place["taken"])

@@ -9,7 +9,7 @@ from hashlib import sha256
 from typing import Any
 
 from .... import __version__
-from ....framework.jit.machine import Target, host, host_features, object_code
+from ....framework.jit.machine import MEMORY, Target, host, host_features, object_code
 from ....framework.jit.transpile import kernel_source, module_source
 from ....framework.mpc.slots.base import GaussianKind
 from ....framework.numerics.symbolic import ca
@@ -18,16 +18,13 @@ from ....framework.values.errors import WideberthError
 from ...riccati import objects
 from ...riccati.compiled import KernelSet, sources
 from ...riccati.kernels import carried
-from ..object_files import archive, renamed, wanted
+from ..object_files import archive, wanted
 from ..subject import Subject
 
 NATIVE = "native"
 """This processor, with all that it can do: its code gives the numbers of Python, bit for bit."""
 PREFIX = "wideberth_kernel_"
 """Of the names of all kernels in the archive."""
-MEMORY = {"malloc": "wideberth_take", "free": "wideberth_give"}
-"""What the core calls for memory, and what `wideberth_solver.c` gives it instead."""
-
 _ASKED = ("avx", "avx2", "bmi", "bmi2", "fma", "popcnt", "avx512f", "avx512bw", "avx512cd",
           "avx512dq", "avx512vl")  # fmt: skip
 """Features of x86-64 that every C compiler can ask the processor for, by its and LLVM's name."""
@@ -133,8 +130,8 @@ class Native:
 
     @cached_property
     def core(self) -> bytes:
-        """The core, whose memory comes from the caller."""
-        return renamed(objects.code_for(self.machine.core), MEMORY)
+        """The core; it asks `wideberth_solver.c` for memory, see `MEMORY`."""
+        return objects.code_for(self.machine.core)
 
     @cached_property
     def build(self) -> int:
@@ -158,7 +155,7 @@ class Native:
     def called(self) -> tuple[str, ...]:
         """Functions of the C library that the code calls."""
         names = {name for code in self.members.values() for name in wanted(code)}
-        return tuple(sorted(names - {*MEMORY.values()}))
+        return tuple(sorted(names - {*MEMORY}))
 
     def archive(self) -> bytes:
         """Return the static library."""

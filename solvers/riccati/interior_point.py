@@ -1,4 +1,4 @@
-"""Constants of the interior-point method, one set for `riccati` (compiled) and `batch` (JAX).
+"""Constants of the interior-point method.
 
 A. Waechter and L. T. Biegler, On the implementation of an interior-point filter line-search
 algorithm for large-scale nonlinear programming, Math. Program. 106 (2006); equations and sections
@@ -48,8 +48,8 @@ falls early, regions cut most steps to a few per cent. On shorter horizons that 
 large first mu costs a guess that is near (docs/solving.md has the table)."""
 
 LONG_BARRIER, LONG_TEST, LONG_PENALTY = 1.0, 10.0, 1e6
-"""What `riccati` takes there: at least this first mu, IPOPT's test, and at least this first price
-of slack on hard regions, since the second price takes up to 150 iterations over 120 steps."""
+"""First mu, IPOPT's test, and first price of slack on hard regions there, since the second price
+takes up to 150 iterations over 120 steps."""
 
 BARRIER_FACTOR, BARRIER_POWER, LAST_BARRIER = 0.2, 1.5, 0.1
 """mu <- min(factor mu, mu^power), not below the last share of the tolerance (eq. 7)."""
