@@ -46,15 +46,12 @@ class SlotShape:
     Attributes
     ----------
     depends : entries of x that the constraint depends on.
-    auxiliaries, inequalities, equalities : how many of each.
-    guess : row of the parameters where the guess of the auxiliaries begins.
+    inequalities, equalities : how many of each.
     """
 
     depends: tuple[int, ...]
-    auxiliaries: int
     inequalities: int
     equalities: int
-    guess: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +151,7 @@ def _slot(name: str, problem: Problem, slots: Slots, functions: dict[str, Any]) 
     v = ca.vertcat(w, y)
     functions[name] = _kernel(v, numbers, [values, _rows(ca.jacobian(values, w)), _full(hessian)])
     functions[f"{name}_values"] = _kernel(v, numbers, [values])
-    return SlotShape(depends, len(slots.auxiliary), h.numel(), e.numel(), slots.guess)
+    return SlotShape(depends, h.numel(), e.numel())
 
 
 def _kernel(v: Any, p: Any, pieces: list[Any]) -> Any:

@@ -18,7 +18,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
-from wideberth.solvers.riccati.kernels import Kernels, SlotShape, build
+from wideberth.solvers.riccati.kernels import Kernels, build
 from wideberth.tests.helpers.problems import assemble
 
 LARGE = {"risk_contour"}
@@ -162,7 +162,7 @@ def test_regions(name: str, shared: bool) -> None:
         state = rng.normal(scale=2.0, size=problem.states)
         state[: problem.dimension] += 1.5
         v = [*state[list(made.slots[0].depends)], *([target * 1.1] * shared), *(own + 0.13)]
-        _check_slot("slot0", made, made.slots[0], np.array(v), p, rng)
+        _check_slot(problem, made, 0, np.array(v), p, rng)
 
 
 @pytest.mark.parametrize("name", names("static_regions"))
@@ -180,13 +180,14 @@ def test_static_regions(name: str) -> None:
     for _ in range(3):
         state = rng.normal(scale=2.0, size=5)[list(made.slots[1].depends)]
         v = np.concatenate([state, own + rng.uniform(0.1, 0.5, len(own))])
-        _check_slot("slot1", made, made.slots[1], v, p, rng)
+        _check_slot(problem, made, 1, v, p, rng)
 
 
 def _check_slot(
-    name: str, made: Kernels, shape: SlotShape, w: Array, p: Array, rng: np.random.Generator
+    problem: Problem, made: Kernels, k: int, w: Array, p: Array, rng: np.random.Generator
 ) -> None:
     """One slot; an inactive one is stated as an active one, since it is left out."""
+    name, shape, slots = f"slot{k}", made.slots[k], problem.slots[k]
     wide, stated = len(w), shape.inequalities + shape.equalities
     v = np.concatenate([w, rng.uniform(0.5, 1.0, stated)])
     shapes = (stated,), (stated, wide), (wide, wide)
@@ -199,12 +200,12 @@ def _check_slot(
         return np.asarray(-v[wide:] @ slope)
 
     found, slope, hessian = Pieces.of(made.functions[name], v, p).cut(*shapes)
-    assert stated == len(found) and shape.guess == len(p) - shape.auxiliaries
+    assert stated == len(found) and slots.guess == len(p) - len(slots.auxiliary)
     close(values(v), found)
     close(slope, slopes(values, v, wide))
     close(hessian, slopes(force, v, wide))
     off = p.copy()
-    off[shape.guess - 1] = 0.0
+    off[slots.guess - 1] = 0.0
     np.testing.assert_array_equal(
         Pieces.of(made.functions[name], v, off).values,
         Pieces.of(made.functions[name], v, p).values,
