@@ -11,17 +11,14 @@ from wideberth.experiments.cli.fitting import described
 from wideberth.experiments.engine import runner
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies.prediction_benchmark import (
-    PredictionBenchmark,
-    Protocol,
-    shown_windows,
-)
+from wideberth.experiments.studies.prediction_benchmark import PredictionBenchmark
 from wideberth.experiments.studies.prediction_data import (
     PredictionData,
     SceneFiles,
     longest_stretch,
     usual_speed,
 )
+from wideberth.experiments.studies.prediction_windows import Protocol, shown_windows
 from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.tracking.recordings import Recording

@@ -11,8 +11,9 @@ import pytest
 
 from wideberth.experiments.studies.closed_loop_risk import _pairs
 from wideberth.experiments.studies.conservativeness import kept, promised
-from wideberth.experiments.studies.prediction_benchmark import Protocol, calibration, run_along
 from wideberth.experiments.studies.prediction_data import PredictionData
+from wideberth.experiments.studies.prediction_scores import calibration, run_along
+from wideberth.experiments.studies.prediction_windows import Protocol
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.verify import Violation
 from wideberth.framework.mpc.slots.base import Touch
