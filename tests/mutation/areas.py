@@ -70,7 +70,7 @@ TESTS = (
     "cycle.py",
     "bounded_numbers",
     "choice_by_cost",
-    "drawing_of_values",
+    "values_are_drawn",
     "level_risk",
     "regions_in_planner",
     "number_limits",
