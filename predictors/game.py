@@ -7,7 +7,6 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ..framework.mpc.planner.best_response import BestResponsePlanner, Player, state_of
 from ..framework.mpc.planner.planner import Planner
 from ..framework.plugins.config import build, describe
 from ..framework.predictor import Predictor
@@ -16,6 +15,7 @@ from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import both_reasons, refuse_adaptive
+from .core.best_response import BestResponsePlanner, Player, state_of
 from .core.history import gather
 from .core.social_rollout import RobotCourse, course_of
 

@@ -99,13 +99,15 @@ def gather(
         begin = np.zeros(count, dtype=np.int64)
         everything = np.ones((count, kept), dtype=np.bool_)
         return Histories(recent[:, -1], recent - recent[:, -1:], everything, begin, begin)
-    seen = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.bool_)
-    late = np.argmax(seen[:, ::-1], axis=1)
-    late = np.where(seen.any(axis=1), late, rows)
-    column = np.arange(rows - kept, rows) - late[:, None]
     row = np.arange(count)[:, None]
-    seen = np.asarray(seen[row, np.maximum(column, 0)] & (column >= 0), dtype=np.bool_)
-    aligned = positions[row, np.maximum(column, 0)]
+    seen, aligned = _observed(recent), recent
+    late = np.zeros(count, dtype=np.int64)
+    if not seen[:, -1].all():  # some were not seen at the newest sample
+        seen = _observed(positions)
+        late = np.where(seen.any(axis=1), np.argmax(seen[:, ::-1], axis=1), rows)
+        column = np.arange(rows - kept, rows) - late[:, None]
+        seen = np.asarray(seen[row, np.maximum(column, 0)] & (column >= 0), dtype=np.bool_)
+        aligned = positions[row, np.maximum(column, 0)]
     origin = np.where(seen[:, -1:], aligned[:, -1], 0.0)
     if (seen[:, 1:] >= seen[:, :-1]).all():  # most are seen ever since the first sample
         began = np.asarray(kept - seen.sum(axis=1), dtype=np.int64)
@@ -121,6 +123,12 @@ def gather(
         relative = _filled(relative, seen)
     late = np.where(began < kept, late, 0)
     return Histories(origin, relative, seen, began, late.astype(np.int64))
+
+
+def _observed(positions: Array) -> BoolArray:
+    """Whether every coordinate of each sample is known, (O, T)."""
+    finite = np.isfinite(positions)
+    return np.asarray(np.logical_and.reduce(finite, axis=2), dtype=np.bool_)
 
 
 def _neighbours(seen: BoolArray) -> tuple[IntArray, IntArray]:

@@ -21,7 +21,7 @@ AREAS: dict[str, list[str]] = {
         *(
             f"{MPC}/planner/{name}.py"
             for name in (
-                "best_response", "cycle", "emergency", "instance", "multistart", "planner",
+                "cycle", "emergency", "instance", "multistart", "planner",
                 "recommended", "rollout", "settings", "starts", "stopping", "watchdog",
             )
         ),

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner.best_response import BestResponsePlanner, Player, state_of
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.plugins.config import build, describe
@@ -16,6 +15,7 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.core.best_response import BestResponsePlanner, Player, state_of
 from wideberth.predictors.game import Game, Table
 from wideberth.predictors.oracle import Oracle
 from wideberth.robots.holonomic import Holonomic

@@ -255,7 +255,9 @@ def _in_the_way(
     if laid is None:
         return False, solved
     bare = Guess.bare(laid.states, np.zeros((problem.horizon, problem.inputs)), instance.target)
-    points = [bare, replace(solved.point, level=parameters.target)][: 1 + problem.shared]
+    own = solved.point
+    aimed = Guess(own.states, own.inputs, own.auxiliaries, parameters.target, own.slack)
+    points = [bare, aimed] if problem.shared else [bare]
     into_regions = entered(problem, parameters, suited_each(instance, points))
     if problem.shared:
         solved = replace(solved, as_aimed=into_regions[1])

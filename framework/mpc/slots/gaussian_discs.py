@@ -36,7 +36,7 @@ from .base import (
     quoted,
     used,
 )
-from .screen import leaves_out, out_of_reach
+from .screen import leaves_out, lengths, out_of_reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def choose_obstacles(
     beyond = np.zeros(len(discs), dtype=np.bool_) if far is None else far
     kept = near = np.flatnonzero(~beyond)
     if len(near) > most:
-        apart = np.linalg.norm(discs.mean[:, near] - route[:, :, None], axis=3)
+        apart = lengths(discs.mean[:, near] - route[:, :, None])
         clearance = apart.min(axis=(0, 1)) - discs.radius[near]
         kept = np.sort(near[np.argsort(clearance, kind="stable")[:most]])
     counted = beyond.copy()

@@ -117,7 +117,7 @@ def out_of_reach(
     places : (R, N, D), m.
     allowed : (R, N), m, how far from each of the places bodies can be.
     """
-    apart = _lengths(mean - places[:, :, None])
+    apart = lengths(mean - places[:, :, None])
     room = (apart - allowed[:, :, None]).min(axis=0)
     far: BoolArray = (room > margin).all(axis=0) & (level >= 0.0).all(axis=0)
     some = np.flatnonzero(far)
@@ -142,7 +142,7 @@ def _deviations(covariance: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(values, 0.0)))
 
 
-def _lengths(vectors: Array) -> Array:
+def lengths(vectors: Array) -> Array:
     """Lengths of vectors (..., D); NumPy is slow over an axis this short."""
     parts = (vectors[..., axis] for axis in range(vectors.shape[-1]))
     return np.asarray(np.sqrt(sum(part * part for part in parts)))

@@ -13,9 +13,9 @@ from wideberth.experiments.engine.worker import measured
 from wideberth.framework.control import rate_limited_warnings as notices
 from wideberth.framework.control.rate_limited_warnings import RateLimitedWarnings, quiet
 from wideberth.framework.mpc.levels.paper import Paper
-from wideberth.framework.mpc.planner.best_response import BestResponsePlanner, Player
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Detection, Observation
+from wideberth.predictors.core.best_response import BestResponsePlanner, Player
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.planning import STRAIGHT, Failing, at, planner
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner import best_response, cycle, rollout
+from wideberth.framework.mpc.planner import cycle, rollout
 from wideberth.framework.mpc.planner import planner as shell
-from wideberth.framework.mpc.planner.best_response import BestResponsePlanner, Player, state_of
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.settings import PlannerSettings, changed
 from wideberth.framework.mpc.planner.starts import OTHERS
@@ -21,6 +20,8 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import GivenWay, Rung, Status
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
+from wideberth.predictors.core import best_response
+from wideberth.predictors.core.best_response import BestResponsePlanner, Player, state_of
 from wideberth.predictors.kalman import Kalman
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle

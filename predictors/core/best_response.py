@@ -6,17 +6,17 @@ from typing import final
 
 import numpy as np
 
-from ...predictor import Predictor
-from ...robot import Robot, start_state
-from ...values.arrays import Array
-from ...values.errors import WideberthError
-from ...values.forecast import Forecast, Scene
-from ...values.motion import Detection, Observation, Pose, Twist
-from ...values.path import Path
-from ...values.plan import Status
-from ...values.tracks import Tracks
-from .cycle import PlannerState, Services, step
-from .settings import PlannerSettings, changed
+from ...framework.mpc.planner.cycle import PlannerState, Services, step
+from ...framework.mpc.planner.settings import PlannerSettings, changed
+from ...framework.predictor import Predictor
+from ...framework.robot import Robot, start_state
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import Forecast, Scene
+from ...framework.values.motion import Detection, Observation, Pose, Twist
+from ...framework.values.path import Path
+from ...framework.values.plan import Status
+from ...framework.values.tracks import Tracks
 
 
 @dataclass(frozen=True, eq=False)
