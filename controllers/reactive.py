@@ -132,7 +132,7 @@ class Reactive(Controller):
     """Controls a robot in the plane from the present observation, without a plan.
 
     A subclass gives `decide`, and `prepare` if it is `Preparing`; it may keep the velocity that
-    it chose last in ``self._velocity``, which `reset` sets to None. An exception in `decide`
+    it chose last as ``_velocity``, which `reset` sets to None. An exception in `decide`
     becomes the command to stand still, and `reason` says why.
 
     Parameters

@@ -119,6 +119,7 @@ class PooledVectorAutoregression(Fittable):
     ----------
     order : p.
     acceleration_density : q, m^2/s^3, of the unfitted process.
+    noise_floor : m, added in quadrature to the measurement noise.
     fallback : predictor for the obstacles it cannot serve.
     fitted : what `fit` has learnt.
 
@@ -133,6 +134,7 @@ class PooledVectorAutoregression(Fittable):
 
     order: int = 2
     acceleration_density: float = 0.02
+    noise_floor: float = NOISE_FLOOR
     fallback: Predictor = field(default_factory=Kalman)
     fitted: IsotropicProcess | None = None
 
@@ -142,6 +144,7 @@ class PooledVectorAutoregression(Fittable):
         refuse_adaptive("pooled_var.fallback", self.fallback)
         whole("pooled_var.order", self.order)
         positive("pooled_var.acceleration_density", self.acceleration_density)
+        positive("pooled_var.noise_floor", self.noise_floor)
         if self.fitted is not None and len(self.fitted.coefficients) != self.order:
             raise WideberthError(
                 f"pooled_var.fitted has {len(self.fitted.coefficients)} coefficients; wanted "
@@ -189,7 +192,7 @@ class PooledVectorAutoregression(Fittable):
         ahead = ceil((steps + int(late.max(initial=0))) * tracks.dt / dt - 1e-9)
         own, missing = self._forecast(seen, max(ahead, 1))
         times = tracks.dt / dt * (late[:, None] + np.arange(1.0, steps + 1))
-        noise = measurement_noise(tracks, NOISE_FLOOR)
+        noise = measurement_noise(tracks, self.noise_floor)
         mean = np.concatenate([past.origin[:, None], own.mean], axis=1)
         covariance = np.concatenate([noise[:, None], own.covariance], axis=1)
         resampled = Gaussians(_between(mean, times), _between(covariance, times), own.reasons)
@@ -205,7 +208,7 @@ class PooledVectorAutoregression(Fittable):
         process = law.spread(len(tracks), tracks.dimension)
         _, recent = past_velocities(past, tracks.dt, self.order)
         path = velocity_path(process, recent, steps + int(past.late.max(initial=0)))
-        start = start_covariance(tracks, NOISE_FLOOR, self.order)
+        start = start_covariance(tracks, self.noise_floor, self.order)
         return process_gaussians(process, past, path, start, tracks.dt, steps), missing
 
 

@@ -9,7 +9,7 @@ from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.scoring import negative_log_likelihood
-from wideberth.predictors import bayesian_var, pooled_var
+from wideberth.predictors import bayesian_var
 from wideberth.predictors.bayesian_var import BayesianVectorAutoregression, Prior, posterior
 from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.least_squares import fit_velocities
@@ -50,8 +50,7 @@ def predictor_of(monkeypatch):
     """Make predictors whose prior has the mean of a process, for tracks without noise."""
 
     def made(law, deviation, samples):
-        for module in (bayesian_var, pooled_var):
-            monkeypatch.setattr(module, "NOISE_FLOOR", 1e-9)
+        monkeypatch.setattr(bayesian_var, "NOISE_FLOOR", 1e-9)
         monkeypatch.setattr(IsotropicProcess, "random_walk", lambda order, density, dt: law)
         return BayesianVectorAutoregression(
             order=len(law.coefficients), deviation=deviation, samples=samples
@@ -144,7 +143,7 @@ def test_a_long_history_gives_least_squares_whatever_the_prior():
 def test_a_strong_prior_is_the_pooled_process(predictor_of):
     tracks = tracks_of(positions_of(generic(3, 15, np.random.default_rng(4))))
     strong = predictor_of(LAW, 1e-7, 1e12)
-    pooled = PooledVectorAutoregression(fitted=LAW).predict(tracks, 9)
+    pooled = PooledVectorAutoregression(fitted=LAW, noise_floor=1e-9).predict(tracks, 9)
     forecast = strong.predict(tracks, 9)
     np.testing.assert_allclose(forecast.mean, pooled.mean, atol=1e-9)
     # The history still weighs 1e-11 of s^2, off the diagonal, too.
@@ -157,7 +156,7 @@ def test_three_samples_give_the_prior_and_two_a_reason(predictor_of):
     path[0, :-3] = np.nan
     predictor = predictor_of(LAW, 0.1, 6.0)
     forecast = predictor.predict(tracks_of(path), 4)
-    pooled = PooledVectorAutoregression(fitted=LAW).predict(tracks_of(path), 4)
+    pooled = PooledVectorAutoregression(fitted=LAW, noise_floor=1e-9).predict(tracks_of(path), 4)
     assert forecast.fallback == (None,)
     np.testing.assert_allclose(forecast.mean, pooled.mean, atol=1e-12)
     # Wider than the prior's mean process alone: its coefficients are uncertain.

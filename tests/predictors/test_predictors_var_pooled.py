@@ -10,7 +10,6 @@ from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors import pooled_var
 from wideberth.predictors.pooled_var import IsotropicProcess, PooledVectorAutoregression
 
 DT = 0.5
@@ -71,11 +70,10 @@ def test_fit_finds_the_truth_within_its_standard_error():
 
 
 @pytest.mark.parametrize("size", [2, 3])
-def test_it_covers_as_promised_on_its_own_model(size, monkeypatch):
-    monkeypatch.setattr(pooled_var, "NOISE_FLOOR", 1e-6)
+def test_it_covers_as_promised_on_its_own_model(size):
     rng, runs, steps = np.random.default_rng(2), 2000, 12
     paths = walks(TRUTH, runs, 5 + steps, rng, size)
-    predictor = PooledVectorAutoregression(fitted=TRUTH)
+    predictor = PooledVectorAutoregression(fitted=TRUTH, noise_floor=1e-6)
     forecast = predictor.predict(tracks_of(paths[:, :5]), steps)
     assert forecast.fallback == (None,) * runs
     error = paths[:, 5:] - forecast.mean[:, 0]
@@ -88,10 +86,9 @@ def test_it_covers_as_promised_on_its_own_model(size, monkeypatch):
     assert abs((whole < chi2.ppf(0.9, steps * size)).mean() - 0.9) < 3.5 * np.sqrt(0.09 / runs)
 
 
-def test_unfitted_it_is_a_random_walk_of_the_velocity(monkeypatch):
-    monkeypatch.setattr(pooled_var, "NOISE_FLOOR", 0.02)
+def test_unfitted_it_is_a_random_walk_of_the_velocity():
     path = np.cumsum(np.full((1, 6, 2), [0.3, -0.1]), axis=1)
-    predictor = PooledVectorAutoregression(acceleration_density=0.04)
+    predictor = PooledVectorAutoregression(acceleration_density=0.04, noise_floor=0.02)
     forecast = predictor.predict(tracks_of(path), 8)
     h = np.arange(1, 9)
     np.testing.assert_allclose(forecast.mean[0, 0], path[0, -1] + h[:, None] * [0.3, -0.1])
@@ -170,7 +167,7 @@ def test_another_step_is_resampled_to_that_of_the_recordings(finer):
 
 
 def test_laws_and_plain_config():
-    fitted = PooledVectorAutoregression(fitted=TRUTH)
+    fitted = PooledVectorAutoregression(fitted=TRUTH, noise_floor=0.02)
     check_predictor(fitted)
     check_predictor(replace(fitted, order=1, fitted=IsotropicProcess((1.0,), 0.02, 0.3)))
     config = describe(fitted)
@@ -182,6 +179,7 @@ def test_laws_and_plain_config():
     ("maker", "words"),
     [
         (lambda: PooledVectorAutoregression(order=0), "pooled_var.order is 0"),
+        (lambda: PooledVectorAutoregression(noise_floor=0.0), "pooled_var.noise_floor is 0"),
         (
             lambda: PooledVectorAutoregression(order=3, fitted=TRUTH),
             "pooled_var.fitted has 2 coefficients; wanted 3",

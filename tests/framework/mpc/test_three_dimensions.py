@@ -298,9 +298,9 @@ def test_flat_episodes_are_refused(episode: Episode) -> None:
             draw_flight(episode, **bad)
 
 
-def test_quick_run_keeps_apart_and_draws(tmp_path: Path) -> None:
-    near = ("scenario.reach=[3.0, 3.0]", "scenario.passers=2", "planner.horizon=10")
-    experiment = shipped(*near)  # short ways, so that it is quick
+def test_quick_run_keeps_apart_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(crossing_3d, "REACH", (3.0, 3.0))  # short ways, so that it is quick
+    experiment = shipped("scenario.passers=2", "planner.horizon=10")
     result = run(experiment, tmp_path / "flight", quick=True)
     rows = result.rows
     assert [row["region"] for row in rows] == ["exact_sum", "paper_ellipsoid"]

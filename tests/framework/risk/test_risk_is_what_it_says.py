@@ -19,7 +19,7 @@ from wideberth.framework.region import Guarantee
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors import BUILT_IN, constant_velocity, pooled_var, static
+from wideberth.predictors import BUILT_IN, constant_velocity, static
 from wideberth.predictors.constant_acceleration import ConstantAcceleration
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.history import gather
@@ -85,7 +85,7 @@ def linear(rng, drift, density, start, count):
 @pytest.fixture(autouse=True)
 def stated_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """The noise is what the tracks state, and no more."""
-    for module in (constant_velocity, pooled_var, static):
+    for module in (constant_velocity, static):
         monkeypatch.setattr(module, "NOISE_FLOOR", 1e-6)
 
 
@@ -136,7 +136,7 @@ def draw_pooled_var(rng) -> Drawn:
     recent = 0.3 * rng.standard_normal((DRAWS, 2, 2))
     places = DT * np.cumsum(autoregressed(rng, lags, root, recent, SEEN + STEPS), axis=1)
     past, truth = split(places)
-    predictor = PooledVectorAutoregression(fitted=law)
+    predictor = PooledVectorAutoregression(noise_floor=1e-6, fitted=law)
     return forecast_of(predictor, measured(rng, past), truth)
 
 
