@@ -249,7 +249,7 @@ def test_who_comes_and_goes_is_seen_while_there() -> None:
         ({"mechanics": "slip", "body": SkidSteerBody(mass=20.0)}, "no slip model was fitted"),
         ({"noise": -1.0}, "cascade.noise is -1"),
         ({"rest": 0.0}, "cascade.rest is 0"),
-        ({"lidar": Lidar(rate=4.0)}, "more than two periods of lidar, 0.5 s"),
+        ({"lidar": Lidar(rate=4.0)}, "lidar.rate is 4 Hz; wanted more than two samples"),
         ({"handover": "smoothed"}, "cascade.handover is 'smoothed'"),
     ],
     ids=lambda one: next(iter(one)) if isinstance(one, dict) else "",
