@@ -210,3 +210,9 @@ def test_a_planner_with_ways_plans_on_any_clock(stamp: float) -> None:
     away = Detection("a", np.array([2.0, 3.0]), 1e-4 * np.eye(2), 0.25)
     planner.command(Observation(stamp, np.zeros(2), (away,)))
     assert planner.plan is not None and planner.plan.rung == "optimal", planner.plan
+
+
+def test_a_kind_with_the_name_of_a_built_in_one_takes_its_place() -> None:
+    plain, own = crowded(None), crowded(WAYS)
+    assert own.kinds == (WAYS, plain.kinds[1])
+    assert [kind.name for kind in own.kinds] == [kind.name for kind in plain.kinds]

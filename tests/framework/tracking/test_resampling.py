@@ -107,3 +107,29 @@ def test_predictors_take_what_comes_out(name: str) -> None:
 def test_refusals(measurements, dt: float, words: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(WideberthError, match=words):
         resampled_tracks(measurements, dt)
+
+
+def test_obstacles_that_share_their_times_are_laid_like_others() -> None:
+    """Those that are reported together share one array of times, which is looked up once."""
+    rng, noise = np.random.default_rng(4), 1e-4 * np.eye(2)
+    history = History(dt=0.5, samples=12, forget=100.0, gap=0.8)
+    for tick in range(9):
+        names = ("a", "b") if tick < 3 else ("a", "b", "c")
+        seen = [Detection(name, rng.standard_normal(2), noise, 0.3) for name in names]
+        history = history.add(0.4 * tick, tuple(seen))
+    logs = history.logs
+    assert logs["a"].times is logs["b"].times and len(logs["c"].times) == 6
+    times = [logs[name].times for name in "abc"]
+    places = [logs[name].positions for name in "abc"]
+    grid = 3.2 - 0.5 * np.arange(11.0, -1.0, -1.0)
+    shared = interpolated(times, places, grid, 0.8, 1e-7)
+    apart = interpolated([own.copy() for own in times], places, grid, 0.8, 1e-7)
+    alone = [
+        interpolated([t.copy()], [p], grid, 0.8, 1e-7)[0]
+        for t, p in zip(times, places, strict=True)
+    ]
+    np.testing.assert_array_equal(shared, apart)
+    np.testing.assert_array_equal(shared, np.array(alone))
+    tracks = history.tracks()
+    assert tracks is not None
+    np.testing.assert_array_equal(tracks.positions, shared)
