@@ -136,7 +136,7 @@ def test_a_quick_run_says_what_it_leaves_out(
     assert capsys.readouterr().err == ""
     doorway, _ = read_experiment("doorway", [])
     said = left_out(describe(doorway), describe(doorway.quick()))
-    assert said == "scenarios without robot; seeds 1, not 20"
+    assert said == "seeds 1, not 20; scenarios without robot"
 
 
 def test_quick_runs_the_reduced_copy(tmp_path: Path) -> None:

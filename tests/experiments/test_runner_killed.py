@@ -178,13 +178,13 @@ def test_damaged_tasks_are_done_again_and_counted(
     assert sweeps.contents(tmp_path / "r") == sweeps.contents(tmp_path / "whole")
 
 
-@pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize(
-    ("place", "owner", "name"),
+    ("place", "owner", "name", "workers"),
     [
-        ("tasks", Path, "write_bytes"),
-        ("files", Path, "rename"),
-        (".table.csv.", tempfile, "mkstemp"),
+        ("tasks", Path, "write_bytes", 1),
+        ("tasks", Path, "write_bytes", 2),
+        ("files", Path, "rename", 1),  # the tables are made without workers
+        (".table.csv.", tempfile, "mkstemp", 1),
     ],
 )
 def test_a_full_disk_is_one_message_and_nothing_done_is_lost(
