@@ -200,7 +200,8 @@ class CascadeStudy(SeededStudy):
 
     def axes(self) -> Axes:
         """Each case."""
-        return {("case", *AXES): self.played(), "seed": self.seed_range}
+        cases = {case.label: case for case in self.played()}
+        return {("case", *AXES): cases, "seed": self.seed_range}
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""

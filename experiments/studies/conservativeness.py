@@ -72,10 +72,10 @@ class Conservativeness(PlacesStudy):
 
     def axes(self) -> Axes:
         """Each region with each covariance rule, in each scenario."""
-        pairs = [(f"{one} {rule}", one, rule) for one in self.regions for rule in self.predictors]
+        names = [(f"{one} {rule}", one, rule) for one in self.regions for rule in self.predictors]
         return {
             "scenario": self.scenarios,
-            ("planner", "region", "covariance"): pairs,
+            ("planner", "region", "covariance"): {own[0]: own for own in names},
             "seed": self.seed_range,
         }
 

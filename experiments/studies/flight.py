@@ -83,10 +83,10 @@ class Flight(OnePlaceStudy):
 
     def axes(self) -> Axes:
         """Each predictor with each region."""
-        pairs = [(f"{rule}-{one}", rule, one) for rule in self.predictors for one in self.regions]
+        names = [(f"{rule}-{one}", rule, one) for rule in self.predictors for one in self.regions]
         return {
             "scenario": ["flight"],
-            ("planner", "predictor", "region"): pairs,
+            ("planner", "predictor", "region"): {own[0]: own for own in names},
             "seed": self.seed_range,
         }
 

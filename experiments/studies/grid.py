@@ -72,12 +72,12 @@ class GridStudy(Experiment):
 def points(axes: Axes) -> dict[str, dict[str, Any]]:
     """Return every combination of the axes' values by its columns, and by a name.
 
-    Of columns that vary together the first makes the name, or all where that has a value twice.
+    Columns that vary together may give a name to each of their entries, in a mapping.
 
     Examples
     --------
     >>> list(points({("body", "mass"): [("small", 3.0), ("large", 80.0)], "seed": range(2)}))
-    ['small 0', 'small 1', 'large 0', 'large 1']
+    ['small 3 0', 'small 3 1', 'large 80 0', 'large 80 1']
     """
     entries = [_entries(columns, values) for columns, values in axes.items()]
     return {
@@ -92,15 +92,8 @@ def _entries(columns: str | tuple[str, ...], values: Iterable[Any]) -> list[tupl
     """Return name and columns of every entry of an axis."""
     if isinstance(columns, str):
         return [(_word(value), {columns: value}) for value in values]
-    several = list(values)
-    apart = len({own[0] for own in several}) == len(several)
-    return [
-        (
-            " ".join(map(_word, own[:1] if apart else own)),
-            dict(zip(columns, own, strict=True)),
-        )
-        for own in several
-    ]
+    named = values if isinstance(values, Mapping) else {" ".join(map(_word, v)): v for v in values}
+    return [(name, dict(zip(columns, own, strict=True))) for name, own in named.items()]
 
 
 def _word(value: Any) -> str:

@@ -157,7 +157,8 @@ class PredictionBenchmark(GridStudy):
                 short[name] = max(map(longest_stretch, recordings))
         if short:
             raise WideberthError(self._no_window(scored, short))
-        return {"scene": scored, "predictor": self.family()}
+        pairs = [(predictor, scene) for scene in scored for predictor in self.family()]
+        return {("predictor", "scene"): pairs}
 
     def _no_window(self, scored: dict[str, SceneFiles], short: dict[str, int]) -> str:
         """Say which scenes are too short, by how much, and how to go on."""

@@ -90,7 +90,7 @@ class Tuning(OnePlaceStudy):
 
     def axes(self) -> Axes:
         """Each setting."""
-        return {("factor", "value"): self.variants(), "seed": self.seed_range}
+        return {("factor", "value"): list(self.variants()), "seed": self.seed_range}
 
     def begun(self) -> Mapping[str, Controller]:
         """Return the planner with every setting."""
