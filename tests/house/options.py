@@ -256,7 +256,7 @@ def set_on_page(text: str) -> Iterator[Option]:
     for place in re.split(r"\n\n|\|\n", text):
         for key in re.findall(r"`(\w+): [^`]+`", place):
             yield from _set_in_words(key, place)
-    for path in re.findall(r"--set ([\w.]+)=", text):
+    for path in re.findall(r"--set '?([\w.]+)=", text):
         yield from set_by_path(path)
 
 
