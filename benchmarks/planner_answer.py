@@ -15,7 +15,7 @@ from wideberth.framework.mpc.planner.multistart import MultiStart
 from wideberth.framework.mpc.planner.rollout import follow
 from wideberth.framework.mpc.planner.rungs import RUNGS, LadderInput, choose, rungs_of
 from wideberth.framework.mpc.planner.starts import at_target
-from wideberth.framework.mpc.planner.watchdog import Budget, Watch
+from wideberth.framework.mpc.planner.watchdog import Budget, WatchedSolver
 from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.solver import Solution, Solver
@@ -63,7 +63,9 @@ class PlannerAnswer(Solver):
         states = follow(robot, parameters.initial, inputs, problem.dt)
         first = at_target(instance, states, inputs)
         instance = replace(instance, parameters=first.pull(parameters))
-        outcome = MultiStart(Watch(self.solver), "auto", budget).run(instance, first, False)
+        outcome = MultiStart(WatchedSolver(self.solver), "auto", budget).run(
+            instance, first, False
+        )
         plan, point = choose(rungs_of(list(RUNGS)), LadderInput(instance, outcome), 0.0)
         status = Status.SOLVED if plan.rung is Rung.OPTIMAL else Status.FAILED
         spent = perf_counter() - budget.begin

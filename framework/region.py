@@ -166,8 +166,8 @@ class Convex(Region):
 class Bounded(Region):
     """A region that lies within a disc (a ball) around the obstacle's mean.
 
-    A planner leaves out what no plan can meet, see `framework.mpc.slots.screen`; obstacles of
-    regions without this ability always take part.
+    A planner leaves out what no plan can meet, see `framework.mpc.slots.reachability`; obstacles
+    of regions without this ability always take part.
     """
 
     @abstractmethod

@@ -89,7 +89,7 @@ TESTS = (
     "own_uncertainty",
     "scoring",
     "starts",
-    "screen",
+    "reachability",
     "warm_start",
     "statistics",
     "windows",

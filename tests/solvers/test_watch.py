@@ -19,7 +19,12 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner import watchdog as watch
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, step
 from wideberth.framework.mpc.planner.settings import changed
-from wideberth.framework.mpc.planner.watchdog import LeftBehind, Refused, left_behind, watched
+from wideberth.framework.mpc.planner.watchdog import (
+    SolverRefused,
+    SolverTimeout,
+    left_behind,
+    watched,
+)
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Plan, Rung, Status
@@ -40,7 +45,7 @@ def end() -> Iterator[Event]:
 
 
 def leave(end: Event) -> None:
-    with pytest.raises(LeftBehind, match="did not return"):
+    with pytest.raises(SolverTimeout, match="did not return"):
         watched(end.wait, 0.01)
 
 
@@ -138,7 +143,7 @@ def test_who_is_left_behind_is_ordinary_again(rights: Rights, end: Event) -> Non
         begun.append((get_native_id(), own_rights()[1]))
         end.wait()
 
-    with pytest.raises(LeftBehind):
+    with pytest.raises(SolverTimeout):
         watched(stays, 0.5)
     ((thread, priority),) = begun
     assert priority == 5 and rights.get(thread)[1] == 0
@@ -184,7 +189,7 @@ def test_who_does_not_return_is_left_behind_and_counted(end: Event) -> None:
 def test_no_more_than_a_few_are_left_behind(end: Event) -> None:
     for _ in range(watch.MOST_LEFT):
         leave(end)
-    with pytest.raises(Refused, match=f"{watch.MOST_LEFT} calls"):
+    with pytest.raises(SolverRefused, match=f"{watch.MOST_LEFT} calls"):
         watched(lambda: 1, 60.0)
 
 
@@ -311,7 +316,7 @@ def test_a_program_in_use_is_not_shared(end: Event) -> None:
             taken.append(program)
             end.wait()
 
-    with pytest.raises(LeftBehind):
+    with pytest.raises(SolverTimeout):
         watched(hold, 0.5)
     with compiled("fatrop", problem, {}, staged=True) as second:
         assert second is not taken[0]
@@ -321,11 +326,11 @@ def test_a_program_in_use_is_not_shared(end: Event) -> None:
 
 EXIT = """
 import ctypes
-from wideberth.framework.mpc.planner.watchdog import LeftBehind, watched
+from wideberth.framework.mpc.planner.watchdog import SolverTimeout, watched
 for call in (lambda: ctypes.CDLL(None).sleep(1000), __import__("threading").Event().wait):
     try:
         watched(call, 0.1)
-    except LeftBehind as error:
+    except SolverTimeout as error:
         print(error)
 """
 
@@ -341,12 +346,12 @@ def test_a_process_ends_although_threads_were_left_behind() -> None:
 FORKED = """
 import os
 from threading import Event
-from wideberth.framework.mpc.planner.watchdog import LeftBehind, left_behind, watched
+from wideberth.framework.mpc.planner.watchdog import SolverTimeout, left_behind, watched
 
 watched(int, 60.0)
 try:
     watched(Event().wait, 0.01)
-except LeftBehind:
+except SolverTimeout:
     assert left_behind() == 1
 child = os.fork()
 if not child:

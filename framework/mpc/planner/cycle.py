@@ -45,7 +45,7 @@ from ..slots.base import (
     SlotSizes,
     farthest,
 )
-from ..slots.screen import Travel
+from ..slots.reachability import Travel
 from ..solver import SizelessSolver
 from .emergency import command_of_plan, emergency
 from .in_contact import InContact, expected_now
@@ -64,7 +64,7 @@ from .starts import (
     suited_each,
 )
 from .stopping import stops
-from .watchdog import COMPILING, PATIENCE, Budget, Watch
+from .watchdog import COMPILING, PATIENCE, Budget, WatchedSolver
 
 
 @final
@@ -147,7 +147,6 @@ class Services:
     problems : compiled once for each size.
     watch : calls the solver in a thread that can be left behind.
     own : compiled growth of the robot's own uncertainty.
-    exact : (N, D, D), m^2, zeros: its covariance where the state is taken as exact.
     motion : compiled trajectories of the robot.
     body : the robot as the problem states it, with its progress where the cost has one.
     travel : how far the robot can get.
@@ -155,9 +154,8 @@ class Services:
     """
 
     problems: ProblemCache
-    watch: Watch
+    watch: WatchedSolver
     own: OwnUncertainty
-    exact: Array
     motion: RobotMotion
     body: Robot
     travel: Travel
@@ -170,9 +168,8 @@ class Services:
         reach = farthest(body for kind in settings.kinds for body in kind.bodies(robot))
         return cls(
             problems=ProblemCache(settings),
-            watch=Watch(settings.solver),
+            watch=WatchedSolver(settings.solver),
             own=OwnUncertainty(robot, dt, settings.own_uncertainty, reach),
-            exact=np.zeros((steps, robot.dimension, robot.dimension)),
             motion=RobotMotion(robot, steps, dt),
             body=progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
             travel=Travel.of(robot, steps, dt),
@@ -538,10 +535,8 @@ def _own(
     known: Array | None,
 ) -> Array:
     """Covariances of the own position, (N, D, D), from one of the observed state."""
-    spread = _spread(settings, state, observation, known)
-    if spread is None:
-        return services.exact
-    return services.own.spread(spread, first.states, first.inputs)
+    start = _spread(settings, state, observation, known)
+    return services.own.spread(start, first.states, first.inputs)
 
 
 def _spread(

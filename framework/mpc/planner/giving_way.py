@@ -224,10 +224,12 @@ _known_content = lru_cache(maxsize=256)(_content_of)
 
 def _auxiliaries(instance: Instance, point: Guess) -> Array:
     """Auxiliaries of all used slots with a level, (N, O, A); nan where one has fewer than A."""
-    own = [point.auxiliaries[k][:, : len(names)] for _, k, names in instance.around.levelled]
-    if len(own) == 1 and own[0].shape[1]:
+    own = [
+        point.auxiliaries[k][:, : len(names)] for _, k, names in instance.around.levelled if names
+    ]
+    if len(own) == 1:
         return own[0]
-    wide = max((one.shape[2] for one in own if one.shape[1]), default=0)
+    wide = max((one.shape[2] for one in own), default=0)
     count = sum(one.shape[1] for one in own)
     found, begun = np.full((instance.problem.horizon, count, wide), np.nan), 0
     for one in own:

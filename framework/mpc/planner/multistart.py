@@ -12,7 +12,7 @@ from ..solver import Solution, enters, pressed
 from .instance import Instance
 from .starts import OTHERS, ReferenceGuess, Starts, other_starts, suited_each
 from .verify import Candidate, assess_each, entered
-from .watchdog import Budget, LeftBehind, Refused, Watch
+from .watchdog import Budget, SolverRefused, SolverTimeout, WatchedSolver
 
 STUCK = 0.1
 """Share of its way that a plan has to come along not to be stuck. Between two people who stand, a
@@ -81,7 +81,7 @@ class MultiStart:
     budget : of the call.
     """
 
-    watch: Watch
+    watch: WatchedSolver
     starts: Starts
     budget: Budget
 
@@ -95,7 +95,7 @@ class MultiStart:
             instance.problem.compile_later()
         try:
             return self._run(instance, first, obstacle_in_way)
-        except (LeftBehind, Refused) as error:
+        except (SolverTimeout, SolverRefused) as error:
             status, message = Status.DEADLINE, f"{self.watch.name} {error}"
         except Exception as error:  # a plug-in's solver may fail in any way; the ladder goes on
             status, message = Status.FAILED, f"{type(error).__name__}: {error}"
@@ -190,7 +190,7 @@ class MultiStart:
                 so_far = None if known is None else [*known, *solutions]
                 solutions += self._solve(instance, [guess], so_far)
                 longest = max(longest, solutions[-1].seconds)
-        except (LeftBehind, Refused) as error:
+        except (SolverTimeout, SolverRefused) as error:
             return solutions, f"from another start {self.watch.name} {error}"
         return solutions, ""
 

@@ -82,7 +82,7 @@ class Budget:
         return self.left() + (0.0 if self.deadline is None else 0.5 * RESERVE * self.deadline)
 
 
-class Watch:
+class WatchedSolver:
     """Calls a planner's solver in a thread that is left behind where it does not return.
 
     Parameters
@@ -110,7 +110,7 @@ class Watch:
 
         Raises
         ------
-        LeftBehind, Refused : there is no solution, see `watchdog.watched`.
+        SolverTimeout, SolverRefused : there is no solution, see `watchdog.watched`.
         """
         call = partial(self._solver.solve, instance.problem, instance.parameters, guesses)
         return self._watched(instance, call, len(guesses), budget)
@@ -152,11 +152,11 @@ class Watch:
         return [on_time(one, budget.spent() - begin, left) for one in found]
 
 
-class LeftBehind(Exception):
+class SolverTimeout(Exception):
     """A call did not return in time."""
 
 
-class Refused(Exception):
+class SolverRefused(Exception):
     """Too many threads were left behind; the call was not begun."""
 
 
@@ -175,11 +175,11 @@ def watched(call: Callable[[], T], limit: float) -> T:
 
     Raises
     ------
-    LeftBehind : it has not returned after ``limit``; it still runs.
-    Refused : `MOST_LEFT` earlier calls still run.
+    SolverTimeout : it has not returned after ``limit``; it still runs.
+    SolverRefused : `MOST_LEFT` earlier calls still run.
     """
     if _left >= MOST_LEFT:
-        raise Refused(
+        raise SolverRefused(
             f"is not asked: {_left} calls that did not return in time still run, and no other is "
             "begun until one ends"
         )
@@ -194,7 +194,7 @@ def watched(call: Callable[[], T], limit: float) -> T:
     finally:  # also where the wait itself is interrupted
         over = _over(job, worker)
     if not over:
-        raise LeftBehind(f"did not return within {limit:.3g} s")
+        raise SolverTimeout(f"did not return within {limit:.3g} s")
     if job.error is not None:
         raise job.error
     result: T = job.result

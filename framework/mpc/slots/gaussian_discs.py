@@ -36,7 +36,7 @@ from .base import (
     quoted,
     used,
 )
-from .screen import leaves_out, lengths, out_of_reach
+from .reachability import leaves_out, lengths, out_of_reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class ObstacleSet:
     radius : (O,), m.
     ids : (O,) names; modes of one obstacle share a name.
     left_out : names that did not fit, or whose mode is too unlikely.
-    out_of_reach : names of those that no plan can meet, see `slots.screen`.
+    out_of_reach : names of those that no plan can meet, see `slots.reachability`.
     counted : names of all that share what the level policy allows, in the forecast's order; ()
         for those that are here.
     """
@@ -348,7 +348,7 @@ class GaussianDiscs(LevelledKind, GaussianKind):
     def out_of_reach(
         self, robot: Robot, discs: ObstacleSet, numbers: "DiscNumbers", view: PlanningContext
     ) -> BoolArray | None:
-        """Which discs no plan can meet, (O,), see `slots.screen`; None where none is left out."""
+        """Which discs no plan can meet, (O,), see `reachability`; None where none is left out."""
         region = self.region
         if not (isinstance(region, Bounded) and len(discs) and leaves_out(view.level)):
             return None

@@ -13,7 +13,7 @@ from wideberth.framework.mpc.planner.instance import Instance
 from wideberth.framework.mpc.planner.multistart import MultiStart
 from wideberth.framework.mpc.planner.starts import OTHERS, ReferenceGuess
 from wideberth.framework.mpc.planner.verify import Candidate
-from wideberth.framework.mpc.planner.watchdog import Budget, Watch
+from wideberth.framework.mpc.planner.watchdog import Budget, WatchedSolver
 from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -71,7 +71,7 @@ def test_a_plan_that_waits_for_ever_is_not_the_only_one_looked_at():
 def test_a_plan_within_two_thirds_of_the_radius_is_the_same(monkeypatch):
     """Starts to the left and right of a body lead to plans that are a width of the robot apart."""
     asked, check = [], SimpleNamespace(robot=Unicycle(radius=0.45), problem=None, parameters=None)
-    watch = Watch(None)
+    watch = WatchedSolver(None)
     monkeypatch.setattr(watch, "_watched", lambda check, call, *given: asked.append(call.args[-1]))
     watch.solve_cheapest(check, [], [], Budget(None, 0.0))
     assert asked == [pytest.approx(0.3)]

@@ -51,8 +51,8 @@ def test_a_kind_sees_where_the_last_plan_goes_at_each_step(
     plan = made.plan
     assert plan is not None
     for view in seen:
-        assert view.planned.shape == view.here.shape == view.reference.position.shape
-        steps = np.linalg.norm(np.diff(view.planned, axis=0, prepend=view.here[:1]), axis=1)
+        assert view.planned.shape == view.route[1].shape == view.reference.position.shape
+        steps = np.linalg.norm(np.diff(view.planned, axis=0, prepend=view.route[1][:1]), axis=1)
         assert (steps <= 0.75 * 0.5 + 1e-6).all()  # the first is a step from here
 
 

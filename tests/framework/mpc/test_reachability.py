@@ -13,7 +13,7 @@ from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Services, step
 from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.mpc.slots.gaussian_discs import DiscNumbers, GaussianDiscs, ObstacleSet
-from wideberth.framework.mpc.slots.screen import Travel, leaves_out, out_of_reach
+from wideberth.framework.mpc.slots.reachability import Travel, leaves_out, out_of_reach
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Bounded, Polygonal, Region
 from wideberth.framework.robot import step as moved
