@@ -147,7 +147,8 @@ class Watched(WatchedController):
     looks: list[CostmapLook] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        self.watched, self.period = self.controller, self.controller.period
+        self.watched: Controller = self.controller
+        self.period: float = self.controller.period
 
     def command(self, observation: Observation) -> Command:
         """As the controller; its processor time is noted."""

@@ -64,7 +64,8 @@ class Stopwatch(WatchedController):
     def __post_init__(self) -> None:
         planner = planner_of(fresh(self.planner))
         self._laps: list[float] = []
-        self.watched = self.planner = replace(planner, solver=_Timed(planner.solver, self._laps))
+        self.planner = replace(planner, solver=_Timed(planner.solver, self._laps))
+        self.watched: Controller = self.planner
         self.period: float = planner.period
 
     def command(self, observation: Observation) -> Command:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial, update_wrapper
 from importlib import import_module
-from inspect import signature
+from inspect import Signature, signature
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, final
 
@@ -75,7 +75,7 @@ class Contract(Generic[P]):
     def __init__(self, laws: Callable[P, Iterable[Law]]) -> None:
         self._laws = laws
         update_wrapper(self, laws)
-        self.__signature__ = signature(laws).replace(return_annotation=None)
+        self.__signature__: Signature = signature(laws).replace(return_annotation=None)
 
     def __call__(self, *plugin: P.args, **choices: P.kwargs) -> None:
         """Check all laws, see `require`."""

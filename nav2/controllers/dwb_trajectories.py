@@ -152,7 +152,8 @@ class Sampling:
     """
 
     def __init__(self, settings: DwbParameters, share: float) -> None:
-        of = self.settings = settings
+        self.settings: DwbParameters = settings
+        of = settings
         self.low: Array = np.array([of.min_vel_x, of.min_vel_y, -of.max_vel_theta * share])
         self.high: Array = np.array([of.max_vel_x, of.max_vel_y, of.max_vel_theta]) * share
         self.gain: Array = np.array([of.acc_lim_x, of.acc_lim_y, of.acc_lim_theta])

@@ -232,10 +232,14 @@ def _main() -> None:
     (objects.FOLDER / objects.MANIFEST).write_text(text, encoding="utf-8")
 
 
+def _write_compiled(name: str, kinds: str) -> None:
+    """Write the code of one processor to the standard output; `emitted` asks for it."""
+    target = host() if name == _HOST else objects.PROCESSORS[name].target
+    sys.stdout.buffer.write(compiled(int(kinds), target))
+
+
 if __name__ == "__main__":
     if len(sys.argv) == 1:
         _main()
     else:
-        name, kinds = sys.argv[1:]
-        target = host() if name == _HOST else objects.PROCESSORS[name].target
-        sys.stdout.buffer.write(compiled(int(kinds), target))
+        _write_compiled(*sys.argv[1:])
