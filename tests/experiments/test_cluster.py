@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -14,7 +15,7 @@ from wideberth.experiments.engine.dask_pool import Scheduler, reached
 from wideberth.experiments.engine.runner import run
 from wideberth.framework.values.errors import WideberthError
 
-pytest.importorskip("distributed")
+pytestmark = pytest.mark.skipif(find_spec("distributed") is None, reason="needs Dask")
 
 SETTINGS = {"seeds": 60, "pause": 0.03}
 YAML = "type: sample_plugin:Coins\nseeds: 60\npause: 0.03\n"

@@ -1,6 +1,7 @@
 """Results hang on the files that scenarios read, in every experiment that has scenarios."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, final, get_args, get_type_hints
 
@@ -38,7 +39,12 @@ def scenario_field(name: str) -> str | None:
 
 
 WITH = {name: field for name in names("experiments") if (field := scenario_field(name))}
-CONFIG = {read_config(config_path(one))["type"]: one for one in shipped()}
+
+
+@cache
+def configs() -> dict[str, str]:
+    """A shipped config of each study."""
+    return {read_config(config_path(one))["type"]: one for one in shipped()}
 
 
 def test_all_are_found() -> None:
@@ -47,7 +53,7 @@ def test_all_are_found() -> None:
 
 @pytest.mark.parametrize("name", WITH)
 def test_what_scenarios_read_is_an_input(name: str) -> None:
-    experiment: Any = read_experiment(CONFIG[name], [])[0]
+    experiment: Any = read_experiment(configs()[name], [])[0]
     assert list(experiment.inputs()) == []  # what is shipped is part of the source
     if WITH[name] == "scenario":
         changed = replace(experiment, scenario=Reads("a.txt"))

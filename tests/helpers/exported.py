@@ -3,7 +3,7 @@
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +69,7 @@ class Folder:
 
     solver: ExportedSolver
     place: Path
+    programs: dict[tuple[Path, tuple[str, ...]], Path] = field(default_factory=dict)
 
     @property
     def problem(self) -> Problem:
@@ -146,7 +147,9 @@ class Folder:
         return row
 
     def compiled(self, source: Path, *words: str) -> Path:
-        """Compile a program with the export, without a warning."""
+        """Compile a program with the export, without a warning, where it has not been yet."""
+        if (source, words) in self.programs:
+            return self.programs[source, words]
         out = self.place / source.stem
         files = [str(source), "wideberth_solver.c", "libwideberth.a", *words, "-lm"]
         command = [str(COMPILER), *STRICT.split(), "-I", ".", "-o", str(out), *files]
@@ -154,6 +157,7 @@ class Folder:
             command, cwd=self.place, capture_output=True, text=True, check=False, timeout=120
         )
         assert done.returncode == 0, done.stderr
+        self.programs[source, words] = out
         return out
 
     def replayed(self, rows: Sequence[Any], times: int = 1) -> tuple[Any, Array, list[float]]:

@@ -4,7 +4,6 @@ import re
 import sys
 from pathlib import Path
 
-import pydata_sphinx_theme
 import pytest
 
 from wideberth import Polygon, Region
@@ -78,6 +77,8 @@ def test_inherited_members_are_named_with_their_page() -> None:
 
 def test_headings_are_smaller_the_deeper_on_any_screen() -> None:
     """The sizes of the theme, and what our own style changes where the screen is narrow."""
+    import pydata_sphinx_theme
+
     folder = Path(pydata_sphinx_theme.__file__).parent / "theme" / "pydata_sphinx_theme"
     theme = (folder / "static" / "styles" / "pydata-sphinx-theme.css").read_text("utf-8")
     own = (ROOT / "docs" / "_static" / "site.css").read_text("utf-8")

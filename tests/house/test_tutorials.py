@@ -4,13 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import nbclient
-import nbformat
 import pytest
-from sphinx_gallery.gen_gallery import DEFAULT_GALLERY_CONF
-from sphinx_gallery.notebook import jupyter_notebook
-from sphinx_gallery.py_source_parser import split_code_and_text_blocks
-from traitlets.config import Config
 
 TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
 DRAWS = "draw.plan(", "draw.forecast(", ".plot()", "plt.figure()", "plt.subplots()", ".animate("
@@ -21,6 +15,9 @@ QUICK = ("1_a_first_plan",)
 
 def executed(notebook: Any) -> Any:
     """Run a notebook in a kernel of its own, with the environment of the tests but for drawing."""
+    import nbclient
+    from traitlets.config import Config
+
     sockets = Config(KernelManager={"transport": "ipc"})  # no ports, which others may take
     client = nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3", config=sockets)
     return client.execute()
@@ -41,6 +38,11 @@ def shown(cell: Any) -> set[str]:
 def test_every_cell_that_draws_shows_its_picture(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    import nbformat
+    from sphinx_gallery.gen_gallery import DEFAULT_GALLERY_CONF
+    from sphinx_gallery.notebook import jupyter_notebook
+    from sphinx_gallery.py_source_parser import split_code_and_text_blocks
+
     monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel chooses its own
     monkeypatch.chdir(tmp_path)
     _, blocks = split_code_and_text_blocks(str(TUTORIALS / f"{name}.py"))

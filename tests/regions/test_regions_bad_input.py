@@ -1,6 +1,8 @@
 """Bad input to regions: one clear error each, that says what came and what was wanted."""
 
 import math
+import re
+from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -46,13 +48,22 @@ def test_obstacle(mean: Any, covariance: Any, words: str) -> None:
         GaussianObstacle(mean, covariance)
 
 
+def refusal(call: Callable[..., object], *given: object) -> str:
+    """What is said of an argument, or that nothing is."""
+    try:
+        call(*given)
+    except WideberthError as error:
+        return str(error)
+    return f"takes {given}"
+
+
 @every
-@pytest.mark.parametrize("margin", [-1e-9, -1.0, math.nan, math.inf, [0.5, -0.5]], ids=str)
-def test_margin(region: Region, margin: Any) -> None:
+def test_margin(region: Region) -> None:
     """Of one obstacle and of a batch."""
     obstacle = GaussianObstacle(np.zeros((2, 2)), np.stack([np.eye(2), 2.0 * np.eye(2)]))
-    with pytest.raises(WideberthError, match=r"^margin is .*; wanted .* at least 0$"):
-        region.parameters(obstacle, np.asarray(margin))
+    for margin in (-1e-9, -1.0, math.nan, math.inf, [0.5, -0.5]):
+        said = refusal(region.parameters, obstacle, np.asarray(margin))
+        assert re.search(r"^margin is .*; wanted .* at least 0$", said)
 
 
 @every
@@ -71,30 +82,25 @@ def test_dimension(region: Region) -> None:
 
 
 @every
-@pytest.mark.parametrize(
-    ("tail", "words"),
-    [
+def test_tail(region: Region) -> None:
+    for tail, words in (
         (0.0, "tail is 0; a probability must lie strictly in"),
         (1.0, "tail is 1; a probability must lie strictly in"),
-        (1.5, r"tail is 1\.5; a probability must lie strictly in"),
-        (-0.05, r"tail is -0\.05; wanted"),
+        (1.5, "tail is 1.5; a probability must lie strictly in"),
+        (-0.05, "tail is -0.05; wanted"),
         (math.nan, "tail is nan; wanted"),
         (math.inf, "tail is inf; wanted"),
         ("five percent", "tail is 'five percent'; wanted a number"),
         (None, "tail is None; wanted a number"),
-    ],
-)
-def test_tail(region: Region, tail: Any, words: str) -> None:
-    for size in region.dimensions:
-        with pytest.raises(WideberthError, match=words):
-            region.level(tail, size)
+    ):
+        for size in region.dimensions:
+            assert words in refusal(region.level, tail, size)
 
 
 @every
-@pytest.mark.parametrize("risk", [0.0, 1.0, -0.1, 2.0, math.nan])
-def test_risk(region: Region, risk: float) -> None:
-    with pytest.raises(WideberthError, match=r"^risk is "):
-        level_for_risk(region, risk)
+def test_risk(region: Region) -> None:
+    for risk in (0.0, 1.0, -0.1, 2.0, math.nan):
+        assert refusal(level_for_risk, region, risk).startswith("risk is ")
 
 
 @every

@@ -11,7 +11,7 @@ import pytest
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build, describe, import_plugins
-from wideberth.framework.plugins.registry import ROOMS, names, register
+from wideberth.framework.plugins.registry import ROOMS, register
 from wideberth.framework.plugins.yamlfile import apply, dump, parse, read_config, read_merged
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.values.arrays import Array, positive
@@ -191,15 +191,13 @@ def test_settings_without_a_type_change_the_default() -> None:
     assert build("predictors", {"type": "holder", "leaf": {"tail": 0.5}}) == Holder(Leaf(3.0, 0.5))
 
 
-@pytest.mark.parametrize(
-    ("room", "name"),
-    [
-        (room, name)
-        for room in sorted({*ROOMS} - {"experiments", "slot_kinds"})
-        for name in names(room)
-    ],
-)
-def test_every_built_in_survives_describe(room: str, name: str) -> None:
+@pytest.mark.parametrize("room", sorted({*ROOMS} - {"experiments", "slot_kinds"}))
+def test_every_built_in_survives_describe(room: str) -> None:
+    for name in registry._built_in(room):
+        survives_describe(room, name)
+
+
+def survives_describe(room: str, name: str) -> None:
     if (room, name) == ("controllers", "mpc"):
         value: Any = {
             "type": "mpc", "robot": "unicycle", "region": "mahalanobis_ellipse",

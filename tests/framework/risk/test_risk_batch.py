@@ -4,7 +4,6 @@ import json
 import math
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from scipy import special, stats
@@ -113,6 +112,8 @@ def test_batch_shapes_chunks_and_limits() -> None:
 
 
 def test_double_precision_stays_inside() -> None:
+    import jax
+
     before = jax.config.jax_enable_x64
     collision_probability_batch([1.0, 0.5], np.eye(2), 1.5)
     assert jax.config.jax_enable_x64 == before

@@ -86,21 +86,25 @@ def words_for(name: str) -> str:
     return words.get(name, kind)
 
 
-@pytest.mark.parametrize("name", NO_COVARIANCES)
+def refusal(taker: Asked, covariance: np.ndarray) -> str:
+    try:
+        taker(covariance)
+    except WideberthError as error:
+        return str(error)
+    return "taken"
+
+
 @pytest.mark.parametrize("taker", TAKERS)
-def test_what_is_no_covariance_is_refused(taker: str, name: str) -> None:
-    with pytest.raises(WideberthError, match=words_for(name)):
-        TAKERS[taker](NO_COVARIANCES[name])
+def test_what_is_no_covariance_is_refused(taker: str) -> None:
+    said = {name: refusal(TAKERS[taker], one) for name, one in NO_COVARIANCES.items()}
+    assert {name: words for name, words in said.items() if words_for(name) not in words} == {}
 
 
-@pytest.mark.parametrize("name", NO_COVARIANCES)
 @pytest.mark.parametrize("reporter", REPORTERS)
-def test_what_a_sensor_reports_is_named(reporter: str, name: str) -> None:
-    if name == "shape":
-        with pytest.raises(WideberthError, match="shape"):
-            REPORTERS[reporter](NO_COVARIANCES[name])
-    else:
-        assert words_for(name) in REPORTERS[reporter](NO_COVARIANCES[name]).flaw
+def test_what_a_sensor_reports_is_named(reporter: str) -> None:
+    assert "shape" in refusal(REPORTERS[reporter], NO_COVARIANCES["shape"])
+    for name in NO_COVARIANCES.keys() - {"shape"}:
+        assert words_for(name) in REPORTERS[reporter](NO_COVARIANCES[name]).flaw, name
 
 
 @pytest.mark.parametrize("reporter", REPORTERS)
