@@ -119,6 +119,8 @@ SHORTEST, LONGEST = 0.02, 1.0
 """s, steps of tracks that the models are made for."""
 FEWEST = 3
 """Samples from which on something is believed of a person."""
+COARSEST = 10.0
+"""m, standard deviation of a measurement: a place known no better is none to learn a walk from."""
 STRANGE = 0.5
 """Recent share of samples that no model expected, above which the models are not used."""
 MOST_WALLS = 32
@@ -186,10 +188,11 @@ class ReactingPeople(Adaptive):
     prior; without `update` they are inferred from the tracks at each call.
 
     Left to ``fallback``, with the reason: who has fewer than 3 samples or stands exactly still;
-    who moves like none of the models (recently more than half of the samples unexpected); beyond
-    the nearest ``most`` people of the robot, so that work is bounded; all of them where tracks are
-    not in the plane, or their steps are not within 0.02 to 1 s. A person who leaps begins anew.
-    All of these are still seen by the others, along their own forecast.
+    who is measured to no better than 10 m, which counts as not seen; who moves like none of the
+    models (recently more than half of the samples unexpected); beyond the nearest ``most`` people
+    of the robot, so that work is bounded; all of them where tracks are not in the plane, or their
+    steps are not within 0.02 to 1 s. A person who leaps begins anew. All of these are still seen
+    by the others, along their own forecast.
 
     Parameters
     ----------
@@ -305,12 +308,12 @@ class ReactingPeople(Adaptive):
         """Beliefs of the nearest people at the newest sample."""
         rows = _nearest(tracks, course_of(scene, tracks.dt, tracks.stamp), self.most)
         some = tracks if len(rows) == len(tracks) else tracks.select(rows)
-        noise = measurement_noise(some, NOISE_FLOOR)
+        noise, coarse = measurement_noise(some, NOISE_FLOOR), _coarse(some)
         walls = _walls(scene, some)
         before, times = self._since(some)
         slots = self._slots
         for time in times:
-            measured = _places(some, time)
+            measured = np.where(coarse[:, None], np.nan, _places(some, time))
             beside = walls.beside(before.mean[:, :2])
             around = PeopleAround(some.radius, beside)
             before = stepped(slots, before, measured, noise, around, time - before.stamp)
@@ -335,10 +338,12 @@ class ReactingPeople(Adaptive):
         """Say of everybody why the models do not forecast him, or None."""
         place = {ident: row for row, ident in enumerate(known.ids)}
         found: list[str | None] = []
-        for ident in tracks.ids:
+        for ident, coarse in zip(tracks.ids, _coarse(tracks), strict=True):
             row = place.get(ident)
             why = None
-            if row is None:
+            if coarse:
+                why = f"measured to no better than {COARSEST:g} m"
+            elif row is None:
                 why = f"not among the nearest {self.most}"
             elif known.samples[row] < FEWEST:
                 why = f"{int(known.samples[row])} samples on the way, needs {FEWEST}"
@@ -447,6 +452,11 @@ def _nearest(tracks: Tracks, course: RobotCourse | None, most: int) -> list[int]
 def _seen(tracks: Tracks) -> BoolArray:
     """Whether each sample was observed, (O, T)."""
     return np.asarray(np.isfinite(tracks.positions).all(axis=2), dtype=np.bool_)
+
+
+def _coarse(tracks: Tracks) -> BoolArray:
+    """Whether the places of each are too uncertain to be used, (O,)."""
+    return np.asarray(tracks.noise.trace(axis1=1, axis2=2) > COARSEST**2, dtype=np.bool_)
 
 
 def _walls(scene: Scene | None, tracks: Tracks) -> WallField:

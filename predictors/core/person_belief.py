@@ -23,6 +23,9 @@ LEAP, LEAP_SPEED = 1.0, 5.0
 anew."""
 SURPRISE, PULL = 0.3, 0.5
 """m/s per axis: how far a first velocity may be from the motion, and the wish from it."""
+EXACT = 0.1
+"""m^2/s^2 per axis: a first velocity counts as independent of the error of the first place up to
+this variance, which is small beside those of `SURPRISE` and `PULL`."""
 STILL = 1e-6
 """m; a way shorter than this has no direction."""
 LIKELY = 0.02
@@ -288,7 +291,12 @@ def _moving(
     noise: Array,
     duration: float,
 ) -> PersonBeliefs:
-    """Give these people the velocity of their way (R, 2), m, since the first sample."""
+    """Give these people the velocity of their way (R, 2), m, since the first sample.
+
+    Both places err by R, so that Cov(p, v) = R / t and Cov(v) = 2 R / t^2 + surprise. A wanted
+    velocity u = v + pull errs with p as v does, Cov(p, u) = R / t. The part of R up to `EXACT`
+    t^2 is left out of it; without the rest the covariance would have a negative eigenvalue.
+    """
     state, covariance = now.state.copy(), now.covariance.copy()
     weight, frame = now.weight.copy(), now.frame.copy()
     length = np.hypot(way[:, 0], way[:, 1])
@@ -306,10 +314,19 @@ def _moving(
     joint[..., :2, :2] = noise[:, None]
     joint[..., :2, 2:4] = joint[..., 2:4, :2] = noise[:, None] / duration
     joint[..., 2:4, 2:4] = spread
+    coarse = _above(noise, EXACT * duration**2)[:, None] / duration
+    joint[..., :2, 4:] = joint[..., 4:, :2] = np.where(several[..., None], 0.0, coarse)
     joint[..., 2:4, 4:] = joint[..., 4:, 2:4] = np.where(several[..., None], 0.0, spread)
     joint[..., 4:, 4:] = np.where(several[..., None], wide, spread + PULL**2 * np.eye(2))
     covariance[rows] = joint
     return replace(now, state=state, covariance=covariance, weight=weight, frame=frame)
+
+
+def _above(covariance: Array, least: float) -> Array:
+    """Lower the eigenvalues of covariances (N, 2, 2) by ``least``, down to 0."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = np.maximum(values - least, 0.0)
+    return np.asarray((vectors * kept[:, None]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _fresh(slots: HypothesisSlots, frame: Array, speed: Array) -> tuple[Array, Array]:

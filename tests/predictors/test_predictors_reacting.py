@@ -245,6 +245,64 @@ def test_who_leaps_begins_anew():
     assert "needs 3" in early.predict(tracks, 10).fallback[0]
 
 
+def needle(angle, thin, long):
+    """Covariance with these eigenvalues, the second along a direction."""
+    across = np.array([np.cos(angle), np.sin(angle)])
+    along = np.array([-across[1], across[0]])
+    return thin * np.outer(across, across) + long * np.outer(along, along)
+
+
+def noisy(noise, dt):
+    """Two people on nearly straight ways, one measured to 1 cm, one with this covariance."""
+    rng = np.random.default_rng(0)
+    steps = dt * np.array([1.0, -0.5]) + 0.1 * dt * rng.standard_normal((2, 12, 2))
+    positions = np.cumsum(steps, axis=1)
+    positions[1] += 3.0
+    spread = np.stack([SIGMA**2 * np.eye(2), noise])
+    return Tracks(positions, dt, ("clear", "noisy"), np.full(2, 0.25), spread, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("thin", "long"),
+    [(1e-200, 1e200), (0.0, 1e300), (1e-300, 1e16), (0.0, 1e8), (1e-4, 1e4), (1e-4, 99.0)],
+)
+def test_noise_shaped_as_a_needle_is_served_at_any_orientation(thin, long):
+    for angle in np.linspace(0.0, np.pi, 13):
+        for dt in (0.02, 0.1, 1.0):
+            tracks = noisy(needle(angle, thin, long), dt)
+            people = ReactingPeople().update(tracks)
+            forecast = people.predict(tracks, 6)
+            assert np.isfinite(forecast.mean).all()
+            lowest = np.linalg.eigvalsh(forecast.covariance).min(axis=(1, 2, 3))
+            assert (lowest >= -1e-9 * np.abs(forecast.covariance).max(axis=(1, 2, 3, 4))).all()
+            if long > 100.0:
+                assert "no better than 10 m" in forecast.fallback[1]
+
+
+@pytest.mark.parametrize("deviation", [1e-3, 0.01, 0.04, 0.1, 0.5, 2.0, 7.0])
+def test_what_is_believed_has_no_negative_variance(deviation):
+    for dt in (0.02, 0.1, 0.25, 1.0):
+        for shape in (np.eye(2), needle(0.7, 1e-6, 1.0)):
+            tracks = noisy(deviation**2 * shape, dt)
+            for last in range(2, 12):
+                begun = replace(tracks, positions=tracks.positions[:, :last])
+                values = np.linalg.eigvalsh(ReactingPeople().update(begun).state.covariance)
+                assert (values[..., 0] >= -1e-9 * values[..., -1]).all()
+
+
+def test_who_is_measured_too_coarsely_for_a_while_is_believed_again():
+    seen, robots = passing(False)
+    people, tracks, scene = followed(ReactingPeople(), seen, robots)
+    coarse = replace(tracks, stamp=tracks.stamp + DT, noise=15.0**2 * np.eye(2)[None])
+    lost = people.update(coarse, scene)
+    assert lost.predict(coarse, 5, scene).fallback[0] == (
+        "reacting_people: measured to no better than 10 m"
+    )
+    assert np.array_equal(lost.state.samples, people.state.samples)
+    later = replace(tracks, stamp=tracks.stamp + 2 * DT)
+    assert lost.update(later, scene).predict(later, 5, scene).fallback[0] is None
+
+
 def test_who_moves_like_no_model_is_left_to_the_fallback_with_the_reason():
     rng = np.random.default_rng(7)
     jerks = np.cumsum(0.25 * rng.choice([-1.0, 1.0], (40, 2)), axis=0)
