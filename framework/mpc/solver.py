@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..values.errors import WideberthError
-from ..values.plan import Status
+from ..values.plan import TOLERANCE, Status
 from .ocp.problem import Parameters, Problem
 from .ocp.transcription import Guess
 
@@ -140,13 +140,12 @@ def solve_cheapest(
     return solver.solve(problem, parameters, guesses, deadline)
 
 
-ENTERED = 1e-4
-"""Slack beyond which a plan enters soft regions, and fails the planner's re-check."""
-
-
 def enters(solution: Solution) -> bool:
-    """Whether a plan enters soft regions and pays for it: cheap or not, it is no plan to keep."""
-    return bool(solution.point.slack.max(initial=0.0) > ENTERED)
+    """Whether a plan enters soft regions and pays for it: cheap or not, it is no plan to keep.
+
+    Slack beyond `TOLERANCE` fails the planner's re-check.
+    """
+    return bool(solution.point.slack.max(initial=0.0) > TOLERANCE)
 
 
 NO_FORCE = 1e-3
@@ -162,7 +161,7 @@ def pressed(solution: Solution) -> bool:
     known = solution.point.multipliers
     if solution.status is not Status.SOLVED or known is None:
         return True
-    force = sum(float(np.abs(one[one == one]).sum()) for one in known.slots)  # NaN where empty
+    force = sum(float(np.abs(one[~np.isnan(one)]).sum()) for one in known.slots)  # empty: NaN
     return not force <= NO_FORCE * (1.0 + abs(solution.cost))
 
 

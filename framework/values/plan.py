@@ -13,6 +13,10 @@ from .forecast import Forecast
 from .path import Path
 from .polygon import Polygon
 
+TOLERANCE = 1e-4
+"""Largest violation of a plan that counts as feasible, in each limit's own unit: m, m/s, m^2/s^2
+where a limit is a square; unit-free for regions."""
+
 
 class Status(StrEnum):
     """How the solver ended."""

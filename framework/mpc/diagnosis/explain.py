@@ -8,13 +8,13 @@ from ...plugins.config import build, describe
 from ...predictor import Predictor
 from ...values.errors import WideberthError
 from ...values.forecast import Forecast, Scene
-from ...values.plan import Status
+from ...values.plan import TOLERANCE, Status
 from ...values.tracks import Tracks
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
 from ..planner.cycle import ProblemCache, Solved
 from ..planner.settings import PlannerSettings
-from ..planner.verify import TOLERANCE, violation
+from ..planner.verify import violation
 from ..planner.watchdog import SAME
 from ..slots.base import SlotSizes
 from ..solver import Solution, Solver, solve_cheapest

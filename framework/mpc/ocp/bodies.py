@@ -1,4 +1,4 @@
-"""The bodies that stand for a robot before the things that it keeps clear of, and their ways."""
+"""The bodies that stand for a robot, and the paths that they sweep between steps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -148,7 +148,7 @@ class Services:
     watch : calls the solver in a thread that can be left behind.
     own : compiled growth of the robot's own uncertainty.
     motion : compiled trajectories of the robot.
-    body : the robot as the problem states it, with its progress where the cost has one.
+    model : the robot as the problem states it, with its progress where the cost has one.
     travel : how far the robot can get.
     grid : (N,), s, times of the plan's steps 1..N after its first state.
     """
@@ -157,7 +157,7 @@ class Services:
     watch: WatchedSolver
     own: OwnUncertainty
     motion: RobotMotion
-    body: Robot
+    model: Robot
     travel: Travel
     grid: Array
 
@@ -171,7 +171,7 @@ class Services:
             watch=WatchedSolver(settings.solver),
             own=OwnUncertainty(robot, dt, settings.own_uncertainty, reach),
             motion=RobotMotion(robot, steps, dt),
-            body=progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
+            model=progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
             travel=Travel.of(robot, steps, dt),
             grid=settings.grid,
         )
@@ -424,13 +424,18 @@ def _filled(
     first, inputs = _resumed(settings, state, services, course)
     view = _context(settings, state, services, course, frame, first)
     chosen = tuple(kind.choose(body, view) for kind in settings.kinds)
-    if isinstance(services.body, ProgressRobot):
-        body, start = services.body, np.append(start, course.arc)
+    if isinstance(services.model, ProgressRobot):
+        body, start = services.model, np.append(start, course.arc)
         first = with_progress(body, first, reference, course.arc, settings.dt)
         inputs = None if inputs is None else first.inputs
-    laid = reference.position, reference.direction, reference.speed
-    numbers = tuple(one.numbers for one in chosen)
-    parameters = Parameters(start, *laid, numbers, reference.curve)
+    parameters = Parameters(
+        start,
+        reference.position,
+        reference.direction,
+        reference.speed,
+        tuple(one.numbers for one in chosen),
+        reference.curve,
+    )
     instance = Instance(
         services.problems.of(tuple(one.room for one in chosen)),
         parameters,
@@ -585,8 +590,8 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
         direction = path.direction(np.zeros(1))[0]
         ego, _ = start_state(settings.robot, path.points[0], direction, settings.reference_speed)
         start = np.array(ego, float)
-        arc = [0.0] if isinstance(services.body, ProgressRobot) else []
-        body, begin, steps = services.body, np.append(start, arc), settings.horizon
+        arc = [0.0] if isinstance(services.model, ProgressRobot) else []
+        body, begin, steps = services.model, np.append(start, arc), settings.horizon
         follow(body, begin, np.zeros((steps, len(body.inputs))), settings.dt)
         list(stops(body, begin, steps, settings.dt))
         if every:

@@ -9,12 +9,12 @@ from typing import final
 import numpy as np
 
 from ...values.arrays import Array
-from ...values.plan import GivenWay
+from ...values.plan import TOLERANCE, GivenWay
 from ..ocp.transcription import Guess
 from ..slots.base import LevelledKind
 from .instance import Instance
 from .starts import suited_each
-from .verify import TOLERANCE, Candidate, at_share, entered
+from .verify import Candidate, at_share, entered
 
 _HALVINGS = 12
 """Of the interval in which the level held lies: to 1/4096 of the level asked for."""
@@ -45,7 +45,7 @@ class PlanLevels:
 
     @classmethod
     def of(cls, instance: Instance, best: Candidate, *, optimal: bool) -> "PlanLevels":
-        """Find those of a plan, see `achieved_levels`."""
+        """Compute levels, contents and auxiliaries of a plan."""
         target, around = target_levels(instance), instance.around
         level, given_way = achieved_levels(instance, best, target, optimal=optimal)
         size, begun = instance.robot.dimension, 0

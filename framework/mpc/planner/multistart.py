@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,6 +53,15 @@ class MultiStartResult:
     def converged(self) -> list[Solution]:
         """The solutions that converged, and keep every constraint by the verification."""
         return [one.solution for one in self.candidates if one.solution and one.optimal]
+
+
+class FurtherStarts(NamedTuple):
+    """What solving from other starts than the last plan came to, and why it was cut off."""
+
+    candidates: Sequence[Candidate]
+    guesses: Sequence[Guess]
+    solutions: Sequence[Solution]
+    note: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +127,12 @@ class MultiStart:
             laid = ReferenceGuess.along(instance.robot, parameters, instance.problem.dt)
         there, candidate = _in_the_way(instance, candidate, laid)
         names = self._names(instance, candidate, there, before)
-        further: tuple[list[Candidate], list[Guess], list[Solution], str] = [], [], [], ""
+        further = FurtherStarts((), (), (), "")
         if names:
             further = self._further(instance, first, candidate, names, laid)
-        candidates, guesses, solutions, note = further
         return MultiStartResult(
-            (candidate, *candidates), (first, *guesses), there, before, solved.status,
-            solved.message, note, (solved, *solutions),
+            (candidate, *further.candidates), (first, *further.guesses), there, before,
+            solved.status, solved.message, further.note, (solved, *further.solutions),
         )  # fmt: skip
 
     def _further(
@@ -133,8 +142,8 @@ class MultiStart:
         candidate: Candidate,
         names: Sequence[str],
         laid: ReferenceGuess | None,
-    ) -> tuple[list[Candidate], list[Guess], list[Solution], str]:
-        """Solve from starts of some names: plans, starts, solutions, and where it was cut off."""
+    ) -> FurtherStarts:
+        """Solve from starts of some names."""
         solved = candidate.solution
         assert solved is not None
         aimed = replace(first, level=instance.target)  # a warm start is at the last plan's level
@@ -152,7 +161,7 @@ class MultiStart:
             for k, one in zip(dropped, again, strict=False):
                 more[k] = replace(one, iterations=one.iterations + more[k].iterations)
             assessed, note = _assessed(instance, more), note or why
-        return assessed, others[: len(more)], more, note
+        return FurtherStarts(assessed, others[: len(more)], more, note)
 
     def _names(
         self, instance: Instance, first: Candidate, there: bool, before: bool

@@ -31,7 +31,7 @@ import numpy as np
 from ...plugins.registry import unknown
 from ...values.arrays import Array
 from ...values.errors import WideberthError, short
-from ...values.plan import Plan, Rung
+from ...values.plan import TOLERANCE, Plan, Rung
 from ..ocp.transcription import Guess
 from .giving_way import PlanLevels
 from .instance import Instance
@@ -39,7 +39,7 @@ from .multistart import MultiStartResult
 from .rollout import follow
 from .starts import suited_each
 from .stopping import stops
-from .verify import TOLERANCE, Candidate, contact, totals, verify_each
+from .verify import Candidate, contact, totals, verify_each
 
 SWITCHING_MARGIN = 0.05
 """Share of 1 + |cost| that another start has to save before the last plan is given up for it. Head

@@ -207,7 +207,7 @@ def _check_sizes(planner: PlannerSettings) -> None:
         "planner.horizon": (planner.horizon, MOST_STEPS),
         "planner.latency / 0.05 s": (planner.latency / 0.05, MOST_SAMPLES),
         "planner.history": (planner.history, MOST_SAMPLES),
-        "steps of the forecast, (2 forget + latency + horizon dt) / track_dt,": (
+        f"steps of the forecast, (2 * {FORGET:g} s + latency + horizon dt) / track_dt,": (
             reach / planner.track_dt,
             MOST_SAMPLES,
         ),

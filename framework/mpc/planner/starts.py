@@ -74,7 +74,7 @@ def remaining_inputs(
 
     Parameters
     ----------
-    robot, start : whom, and its state at ``stamp``, (n,).
+    robot, start : the robot and its state at ``stamp``, (n,).
     plan : the last one.
     stamp : s.
     standing : whether it brakes and stands beyond its end; else it goes on without input.
@@ -93,7 +93,7 @@ def first_trajectory(
 
     Parameters
     ----------
-    motion, start : of whom, and from which state (n,).
+    motion, start : the robot's compiled motion, and its state (n,).
     inputs : (N, m), of the last plan from now on; None without one.
 
     Returns

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ...values.arrays import Array, all_finite
-from ...values.plan import Breach, BreachKind, Status
+from ...values.plan import TOLERANCE, Breach, BreachKind, Status
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
 from ..slots.base import Touch
@@ -15,9 +15,6 @@ from ..solver import Solution
 from .instance import Instance
 from .rollout import clip, follow
 from .starts import suited_each
-
-TOLERANCE = 1e-4
-"""Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +81,7 @@ class Violation:
         return None
 
     def where(self, names: tuple[str, ...]) -> str:
-        """Name it in words."""
+        """Describe the worst breach in words."""
         return str(self.breach(names) or "nothing is broken")
 
 
@@ -154,7 +151,7 @@ def verify_each(
 
 
 def verify(instance: Instance, point: Guess) -> Violation:
-    """Do the same at one point."""
+    """Evaluate every constraint at one point."""
     return verify_each(instance, [point])[0]
 
 
@@ -349,8 +346,8 @@ def _interpreted(
     motion = np.empty((len(points), problem.horizon))
     into_regions = np.empty((*motion.shape, sum(one.count for one in problem.slots)))
     for k, point in enumerate(points):
-        gap, limits, room, _, *rows = _evaluated(problem, parameters, point)
-        parts = [np.abs(gap), -limits, -room]
+        dynamics, robot_limits, bounds, _, *rows = _evaluated(problem, parameters, point)
+        parts = [np.abs(dynamics), -robot_limits, -bounds]
         motion[k] = np.concatenate(parts, axis=1).max(axis=1, initial=0.0)
         begun = 0
         pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)

@@ -117,7 +117,7 @@ def _nothing(steps: int) -> Touch:
 
 
 class KnownObstacles(ABC):
-    """All things of one kind that are known, whether or not the problem had room for them."""
+    """Things of one kind that plans are verified against: at least those that have a slot."""
 
     @abstractmethod
     def touched(self, robot: Robot, states: Array) -> Touch:
@@ -164,7 +164,7 @@ class SlotAssignment:
     names : of those that have a slot, slot by slot; slots behind them are empty, or ``lesser``.
     left_out : names of those that the problem has no room for.
     numbers : of all slots; the auxiliaries have width 0, see `with_auxiliaries`.
-    known : all of them.
+    known : the things that plans are held against, see the kind.
     out_of_reach : those that need no slot, of a `LevelledKind`; None for none.
     lesser : names of slots between the things and the empty ones that a plan says no level of.
     """

@@ -252,7 +252,7 @@ class DiscNumbers(NamedTuple):
         margin: float,
         own: Array | None,
     ) -> "DiscNumbers":
-        """Take those of some obstacles, see `PlanningContext`."""
+        """Compute numbers and levels of obstacles."""
         radius = kind.bodies(robot)[0].radius + margin
         numbers = within_scales(obstacles, reference, radius, own)
         return cls(*numbers, *_levels(level, kind.region, obstacles))

@@ -45,10 +45,9 @@ import numpy as np
 from ...region import Bounded
 from ...robot import Robot, SpeedLimited
 from ...values.arrays import Array, BoolArray
+from ...values.plan import TOLERANCE
 from ..levels.base import LevelPolicy, SharedLevel
 
-TOLERANCE = 1e-4
-"""Of plans, in each limit's own unit: m, m/s, m^2/s^2 where a limit is a square."""
 SURPLUS = 1e-3
 """By how much an outer radius is enlarged, in m and relative: the regions' own roundings."""
 

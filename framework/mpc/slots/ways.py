@@ -136,7 +136,7 @@ class Ways(LevelledKind, SelectiveKind):
         return GaussianDiscs(self.region)
 
     def bodies(self, robot: Robot) -> tuple[Body, ...]:
-        """Those before discs."""
+        """Return the bodies of `GaussianDiscs`."""
         return self.discs.bodies(robot)
 
     def slots(self, room: SlotSizes, frame: Frame) -> Slots:

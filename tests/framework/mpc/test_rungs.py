@@ -36,7 +36,6 @@ from wideberth.framework.mpc.planner.rungs import (
 )
 from wideberth.framework.mpc.planner.starts import at_target, suited_each
 from wideberth.framework.mpc.planner.verify import (
-    TOLERANCE,
     Candidate,
     Violation,
     assess_each,
@@ -57,7 +56,7 @@ from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Twist
-from wideberth.framework.values.plan import Rung, Status
+from wideberth.framework.values.plan import TOLERANCE, Rung, Status
 from wideberth.framework.values.polygon import Polygon
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
