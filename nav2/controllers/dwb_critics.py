@@ -108,7 +108,7 @@ class RotateToGoal(DwbCritic):
         self._yaw = float(tick.goal[2])
 
     def scores(self, trajectories: Trajectories) -> Array:
-        """See the class."""
+        """Score how fast the robot still is near the goal, then how far off its heading."""
         if not self._near:
             return np.zeros(len(trajectories))
         late = self.lookahead_time >= 0.0
@@ -214,7 +214,7 @@ class BaseObstacle(DwbCritic):
         self._costs = np.append(tick.costmap.cells.ravel(), np.uint8(NO_INFORMATION))
 
     def scores(self, trajectories: Trajectories) -> Array:
-        """See the class."""
+        """Score the cost under the robot's centre, or forbid."""
         costs = self._costs[trajectories.cells]
         total = np.where(trajectories.there, costs, 0).sum(axis=1, dtype=np.float64)
         found = total if self.sum_scores else costs[:, -1].astype(np.float64)
@@ -246,7 +246,7 @@ class ObstacleFootprint(DwbCritic):
         return resolution * self.scale
 
     def scores(self, trajectories: Trajectories) -> Array:
-        """See the class."""
+        """Score the largest cost under the footprint's edges, or forbid."""
         assert self._tick is not None  # `prepare` comes first
         costmap, there = self._tick.costmap, trajectories.there
         under = np.zeros(there.shape)
@@ -300,7 +300,7 @@ class MapGrid(DwbCritic):
         return 0.0
 
     def scores(self, trajectories: Trajectories) -> Array:
-        """See the class."""
+        """Score the distance of the last pose from the cells, or forbid."""
         last = self.aggregation_type == "last"
         poses, cells, there = trajectories.poses, trajectories.cells, trajectories.there
         if last and not self.strict:
@@ -466,7 +466,7 @@ class Twirling(DwbCritic):
     scale: float = 0.0
 
     def scores(self, trajectories: Trajectories) -> Array:
-        """See the class."""
+        """Score the yaw rate."""
         return np.abs(trajectories.twists[:, 2])
 
 
@@ -486,7 +486,7 @@ class PreferForward(DwbCritic):
     theta_scale: float = 10.0
 
     def scores(self, trajectories: Trajectories) -> Array:
-        """See the class."""
+        """Score the yaw rate, or the penalty."""
         x, turn = trajectories.twists[:, 0], np.abs(trajectories.twists[:, 2])
         slow = (x < 0.0) | ((x < self.strafe_x) & (turn < self.strafe_theta))
         return np.where(slow, self.penalty, turn * self.theta_scale)

@@ -59,7 +59,7 @@ class ExpectedPeopleCritic(MppiCritic):
     trajectory_point_step: Count = 2
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the expected time of overlap with people."""
         every, people = self.trajectory_point_step, situation.tick.people
         if people is None or not len(people.radii):
             return None

@@ -65,7 +65,7 @@ class ConstraintCritic(MppiCritic):
     cost_weight: float = 4.0
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price speeds beyond their limits and turns that are too tight."""
         limits, vx = situation.limits, rollouts.vx
         out = np.maximum(vx - np.float32(limits.vx_max), 0.0)
         out += np.maximum(np.float32(limits.vx_min) - vx, 0.0)
@@ -105,7 +105,7 @@ class CostCritic(MppiCritic):
     cost_scaling_factor: NonNegative = 10.0
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the costmap's costs along each trajectory."""
         every = self.trajectory_point_step
         x, y, yaw = rollouts.x[::every], rollouts.y[::every], rollouts.yaw[::every]
         tick, whole = situation.tick, self.consider_footprint
@@ -160,7 +160,7 @@ class ObstaclesCritic(MppiCritic):
     cost_scaling_factor: NonNegative = 10.0
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price collisions and small distances from obstacles."""
         tick, size = situation.tick, np.float32(situation.tick.footprint.inscribed)
         cells = cells_at(tick.costmap, rollouts.x, rollouts.y, np.float64)
         costs = costs_of(tick.costmap, cells)
@@ -273,7 +273,7 @@ class GoalCritic(MppiCritic):
     threshold_to_consider: float = 1.4
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the mean distance from the path's end."""
         if situation.length > self.threshold_to_consider:
             return None
         end = situation.path[:, -1]
@@ -298,7 +298,7 @@ class GoalAngleCritic(MppiCritic):
     threshold_to_consider: float = 0.5
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the mean angle to the heading at the path's end."""
         if situation.length > self.threshold_to_consider:
             return None
         error = np.abs(wrapped(situation.path[2, -1] - rollouts.yaw))
@@ -333,7 +333,7 @@ class PathAlignCritic(MppiCritic):
     use_path_orientations: bool = False
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the mean distance from the path."""
         if situation.length < self.threshold_to_consider:
             return None
         far = situation.furthest(rollouts)
@@ -387,7 +387,7 @@ class PathFollowCritic(MppiCritic):
     threshold_to_consider: float = 1.4
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the distance of the last point from the point ahead."""
         last = situation.path.shape[1] - 1
         if last < 1 or situation.length < self.threshold_to_consider:
             return None
@@ -424,7 +424,7 @@ class PathAngleCritic(MppiCritic):
     mode: Literal[0, 1, 2] = 0
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the angle to the point ahead, at the end."""
         if situation.length < self.threshold_to_consider:
             return None
         ahead = situation.furthest(rollouts) + self.offset_from_furthest
@@ -463,7 +463,7 @@ class PreferForwardCritic(MppiCritic):
     threshold_to_consider: float = 0.5
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price driving backwards."""
         if situation.length < self.threshold_to_consider:
             return None
         back = np.maximum(-rollouts.vx, 0.0).sum(axis=0) * np.float32(situation.dt)
@@ -481,7 +481,7 @@ class TwirlingCritic(MppiCritic):
     cost_weight: float = 10.0
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price the mean yaw rate."""
         if situation.length < situation.tick.checker.xy_goal_tolerance:
             return None
         turning = np.abs(rollouts.wz).mean(axis=0, dtype=np.float32)
@@ -504,7 +504,7 @@ class VelocityDeadbandCritic(MppiCritic):
     deadband_velocities: Triple = (0.0, 0.0, 0.0)
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
-        """See the class."""
+        """Price velocities within the drive's deadband."""
         slow, _, still = (np.float32(abs(value)) for value in self.deadband_velocities)
         lack = np.maximum(slow - np.abs(rollouts.vx), 0.0)
         lack += np.maximum(still - np.abs(rollouts.wz), 0.0)

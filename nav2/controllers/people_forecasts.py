@@ -29,7 +29,7 @@ class PeopleForecasts(CompositeController):
 
     The detections of each tick are remembered as tracks, which a predictor forecasts. A tick
     without an observation, or without known people, is passed on as it is. Where the predictor
-    raises for everybody the answer is a refusal.
+    raises for all the answer is a refusal. It is registered as ``mppi_foresight``.
 
     Parameters
     ----------

@@ -84,10 +84,10 @@ class Nav2(Controller):
     `Recoveries.number_of_retries` of them the robot stands for good. Commands pass the velocity
     smoother.
 
-    The robot's surroundings are what the observation holds. A `View` sees them by the rays of its
-    scan; where it has none, by rays that are cast against its polygons and its detections, which
-    are discs, where they are by now if their velocity is known. An exact view shows all of these
-    polygons and discs instead. Positions are taken as they are measured.
+    The robot's surroundings are what the observation holds. A `CostmapView` sees them by the rays
+    of its scan; where it has none, by rays that are cast against its polygons and its detections,
+    which are discs, where they are by now if their velocity is known. An exact view shows all of
+    these polygons and discs instead. Positions are taken as they are measured.
 
     The headings of a path are its directions: Nav2's own NavFn gives none.
 
