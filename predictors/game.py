@@ -153,7 +153,7 @@ class Game(Predictor):
     than by the predictor alone; one without others in its way is forecast exactly as by it.
 
     Goals are extrapolated: in the direction and at the speed of the mean velocity over the last
-    ``memory`` s; for the robot, where its current plan ends (``scene.plan``; else straight
+    `MEMORY` s; for the robot, where its current plan ends (``scene.plan``; else straight
     ahead), at the planner's reference speed. Each agent knows of the others as much as the
     robot does: their covariance is the predictor's; that of the robot, of which the predictor
     says nothing, is taken to be that of the agent who looks at it. Walls are not seen.

@@ -23,7 +23,6 @@ LONG = (
     "experiments/test_closed_loop_experiments.py",
     "regions/test_regions_laws.py",
     "metrics/test_region_risk_3d.py",
-    "solvers/test_batch.py",
     "predictors/test_predictors.py",
     "regions/test_regions_contract.py",
     "house/test_readme.py",

@@ -87,7 +87,8 @@ def checked_outcome(task: Task, outcome: TaskOutcome) -> TaskOutcome:
     """
     if not isinstance(outcome, TaskOutcome):  # of a third party's study
         raise WideberthError(
-            f"task {task.name!r}: measure returned {short(outcome)}; wanted Outcome(rows=[...])"
+            f"task {task.name!r}: measure returned {short(outcome)}; wanted "
+            "TaskOutcome(rows=[...])"
         )
     for name in outcome.files:
         if not is_inside(name):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar, final
 
 from ...framework import Controller, Robot, WideberthError
-from ...framework.controller import driving
+from ...framework.controller import DrivesRobot, driving
 from ...framework.mpc.planner.planner import planner_behind
 from ...framework.values.arrays import probability, whole
 from ...simulation.engine.settings import Settings
@@ -236,11 +236,10 @@ def check_robots(
                     f"{robot.radius:g} m: set the scenario's robot_radius"
                 )
     for name, controller in controllers.items():
-        own = getattr(controller, "robot", None)
-        if own is not None and own not in robots.values():
+        if isinstance(controller, DrivesRobot) and controller.robot not in robots.values():
             raise WideberthError(
-                f"{name} drives {own}, unlike {' and '.join(robots)}: write the robot once with a "
-                "YAML anchor"
+                f"{name} drives {controller.robot}, unlike {' and '.join(robots)}: write the "
+                "robot once with a YAML anchor"
             )
         for robot in robots.values():
             driving(controller, robot)

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Axes: TypeAlias = Mapping[str | tuple[str, ...], Iterable[Any]]
-"""Column of the table, or columns that vary together -> their values."""
+"""Column of the table, or columns that vary together -> their values; of these, a mapping from a
+name to the values gives each entry a name of its own."""
 Picture: TypeAlias = "Figure | list[Row] | bytes"
 """What stands in a file: a figure, the lines of a table, or the bytes of a film."""
 Pictures: TypeAlias = Iterator[tuple[str, Picture]]
@@ -130,7 +131,7 @@ def reduced(study: Study, **most: int) -> Study:
         few[name] = dict(kept) if isinstance(value, Mapping) else tuple(kept)
     made: Any = study
     if "show" in {entry.name for entry in fields(made)}:
-        few["show"] = shown_of_fewer(made.show, made.first_seed, few["seeds"])
+        few["show"] = shown_of_fewer(made.show, made.first_seed, few.get("seeds", made.seeds))
     return cast(Study, replace(made, **few))
 
 

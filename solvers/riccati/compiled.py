@@ -113,11 +113,11 @@ def _shipped_or_compiled(kinds: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class CompiledSlots:
-    """One kind of slots as the core takes it, see `protocol.SlotArguments`.
+    """One kind of slots as the core takes it, see `_protocol.SlotArguments`.
 
     Attributes
     ----------
-    kernels : addresses, by the names of `protocol.SlotKernels`.
+    kernels : addresses, by the names of `_protocol.SlotKernels`.
     depends : entries of x. rows : inequalities, equalities, whether slots have a level.
     limits : (2, A) of the own variables. regularisation : (1,).
     """

@@ -116,7 +116,7 @@ def test_what_is_thrown_is_counted(endurance: ModuleType, monkeypatch: pytest.Mo
         raise WideberthError("a number of 12.5 for 'somebody'")
 
     run.step(0)
-    monkeypatch.setattr("wideberth.framework.mpc.planner.cycle._fill", fail)
+    monkeypatch.setattr("wideberth.framework.mpc.planner.cycle._filled", fail)
     run.step(1)
     run.step(2)
     row = endurance.summary(run)

@@ -7,7 +7,7 @@ import pytest
 
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.studies.episodes import check_shown, figure_name
-from wideberth.experiments.studies.grid import shown_of_fewer
+from wideberth.experiments.studies.grid import reduced, shown_of_fewer
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.errors import WideberthError
@@ -36,6 +36,12 @@ def test_every_shown_seed_is_drawn(tmp_path: Path) -> None:
     run(build("experiments", {**REPLAY, "show": [3, 4]}), tmp_path / "out")
     drawn = {path.stem for path in draw(tmp_path / "out")}
     assert drawn == {"comparison", "run_one_3", "run_one_4", "animation_one_3"}
+
+
+def test_less_of_other_fields_keeps_what_is_shown() -> None:
+    study = build("experiments", {**REPLAY, "show": [3, 4]})
+    assert reduced(study, planners=1).show == (3, 4)
+    assert reduced(study, planners=1, seeds=1).show == (3,)
 
 
 def test_what_may_be_shown() -> None:

@@ -68,7 +68,7 @@ def having(*languages: str) -> list[str]:
 
 def test_a_page_has_examples_in_languages_that_are_checked() -> None:
     known = {"python", "sh", "bash", "yaml", "text", "toml"}
-    known |= {"c"}  # of docs/export.md, run by tests/framework/mpc/test_export_solver.py
+    known |= {"c"}  # of docs/export.md, run by tests/solvers/test_export_solver.py
     for page, text in PAGES.items():
         if page not in WITHOUT:
             assert blocks(page, "python", "sh", "bash", "yaml"), f"{page} shows nothing that runs"

@@ -78,7 +78,7 @@ def _kinds(solver: ExportedSolver) -> list[str]:
 def rows(solver: ExportedSolver) -> list[tuple[Any, ...]]:
     """Arrays that the core takes: where each begins in C, and its lengths.
 
-    In the order of `protocol.layout`; a field that is not known here is an error, so that a core
+    In the order of `_protocol.layout`; a field that is not known here is an error, so that a core
     with another table is noticed.
     """
     kinds = len(solver.native.kernels.kinds)

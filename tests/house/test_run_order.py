@@ -1,0 +1,8 @@
+"""The files that run first."""
+
+from wideberth.tests.conftest import LONG
+from wideberth.tests.house.test_imports import ROOT
+
+
+def test_every_file_that_runs_first_exists() -> None:
+    assert [name for name in LONG if not (ROOT / "tests" / name).is_file()] == []
