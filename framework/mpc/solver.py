@@ -47,10 +47,11 @@ class Solver(ABC):
     `unwrapped` first. The same problem, parameters and guesses give the same solution unless a
     deadline cuts it short. `wideberth.framework.testing.check_solver` states the laws.
 
-    The planner calls a solver in a thread of its own, and leaves it behind where it does not
-    return (see `wideberth.framework.mpc.planner.watchdog`): another call may begin while one still
-    runs, so that calls must not share memory. Native code has to release Python's lock, as CasADi
-    and Numba's ``nogil`` do; a thread that keeps it stops the whole process.
+    The planner calls a solver in a thread of its own, unless it is a `BoundedSolver`, and leaves
+    it behind where it does not return (see `wideberth.framework.mpc.planner.watchdog`): another
+    call may begin while one still runs, so that calls must not share memory. Native code has to
+    release Python's lock, as CasADi and Numba's ``nogil`` do; a thread that keeps it stops the
+    whole process.
     """
 
     @abstractmethod
@@ -72,6 +73,20 @@ class SizelessSolver(Solver):
 
     A planner makes its problems of every size before the first decision, not when it meets them.
     """
+
+
+class BoundedSolver(Solver):
+    """A solver that may say of a problem that every solve of it ends by itself.
+
+    No thread is needed for what cannot run on: to hand a call over may take longer than the call.
+    """
+
+    @abstractmethod
+    def always_ends(self, problem: Problem) -> bool:
+        """Whether solves of a problem that was solved before take a bounded number of operations.
+
+        Nothing is compiled or started in them, and no foreign solver is called.
+        """
 
 
 class ManySolver(Solver):

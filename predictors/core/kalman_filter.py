@@ -202,13 +202,14 @@ def _filter_means(
         flat = tables.gain.transpose(0, 2, 1).reshape(rows * kinds, -1)
         gain = flat.take(since * kinds + which, axis=0).transpose(0, 2, 1)
     state, moved = np.zeros((2, len(transition), count))
-    gap, change = np.empty(count), np.empty_like(state)
+    gap, change, ahead = np.empty(count), np.empty_like(state), moved[0]
+    product, subtract, multiply, add = transition.dot, np.subtract, np.multiply, np.add
     state[0] = measured[np.minimum(began, rows - 1), np.arange(count)]
     for share, place in zip(gain[1:], measured[1:], strict=True):
-        np.matmul(transition, state, out=moved)
-        np.subtract(place, moved[0], out=gap)
-        np.multiply(share, gap, out=change)
-        np.add(moved, change, out=state)
+        product(state, moved)
+        subtract(place, ahead, gap)
+        multiply(share, gap, change)
+        add(moved, change, state)
     return state.T
 
 

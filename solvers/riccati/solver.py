@@ -14,6 +14,7 @@ import numpy as np
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.transcription import Guess, Multipliers
 from ...framework.mpc.solver import (
+    BoundedSolver,
     CheapestSolver,
     ManySolver,
     SizelessSolver,
@@ -76,7 +77,7 @@ _AT_ONCE = 32
 
 @final
 @dataclass(frozen=True)
-class Riccati(ManySolver, SizelessSolver, CheapestSolver):
+class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
     """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
 
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
@@ -105,6 +106,14 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
     def __post_init__(self) -> None:
         whole("riccati.iterations", self.iterations)
         positive("riccati.tolerance", self.tolerance)
+
+    def always_ends(self, problem: Problem) -> bool:
+        """Whether the compiled core solves the problem: its iterations are limited."""
+        try:
+            _compiled(problem)
+        except WideberthError:  # fatrop does
+            return False
+        return True
 
     def solve(
         self,

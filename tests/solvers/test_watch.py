@@ -25,7 +25,7 @@ from wideberth.framework.mpc.planner.watchdog import (
     left_behind,
     watched,
 )
-from wideberth.framework.mpc.solver import Solution, Solver
+from wideberth.framework.mpc.solver import BoundedSolver, Solution, Solver
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Plan, Rung, Status
 from wideberth.ros.priority import set_realtime_priority
@@ -281,6 +281,39 @@ def test_who_is_left_behind_at_another_start_is_named(
     assert made.plan is not None
     assert made.plan.rung is Rung.OPTIMAL
     assert "from another start Second did not return" in made.plan.reason
+
+
+@dataclass(frozen=True)
+class Threads(BoundedSolver):
+    """Notes the threads that it is called in."""
+
+    ends: bool
+    found: list[int] = field(default_factory=list)
+
+    def always_ends(self, problem: Problem) -> bool:
+        return self.ends
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        self.found.append(get_ident())
+        return Fatrop().solve(problem, parameters, guesses, deadline)
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_solver_that_always_ends_needs_no_thread_once_it_has_solved(ends: bool) -> None:
+    solver = Threads(ends)
+    made = Cycle(solver=solver, starts=())
+    solver.found.clear()
+    for k in range(3):
+        made.plan(at(0.5 * k, 0.25 * k))
+    assert [one == get_ident() for one in solver.found] == [False, ends, ends]
+    made.plan(at(1.5, 0.75), deadline=60.0)
+    assert solver.found[3] != get_ident()
 
 
 @dataclass(frozen=True)
