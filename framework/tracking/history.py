@@ -67,7 +67,8 @@ class _Log(NamedTuple):
             places = np.empty((len(times), len(detection.position)))
             places[:-1], places[-1] = self.positions[clock.first : clock.end], detection.position
         velocity, joint = detection.velocity, detection.state_covariance
-        if times[-1] == stamp - detection.age:  # not of an older one that came late
+        moving = motion is not None or velocity is not None
+        if moving and times[-1] == stamp - detection.age:  # not of an older one that came late
             motion = None if velocity is None or joint is None else (velocity, joint)
         said = detection.radius, detection.covariance, detection.sensor
         return _Log(times, places, stamp, *said, fresh, self.looked, motion)

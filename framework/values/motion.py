@@ -163,13 +163,11 @@ class Detection:
         if not isinstance(self.sensor, str):
             raise WideberthError(f"detection.sensor is {self.sensor!r}; wanted a str")
         radius, age = number("detection.radius", self.radius), number("detection.age", self.age)
-        settle(self, position=position, radius=radius, age=age)
-        for name, value in (("radius", radius), ("age", age)):
-            if not 0.0 <= value < inf:
-                flaw = flaw or f"{name} is {value:g}"
+        if not (0.0 <= radius < inf and 0.0 <= age < inf):
+            flaw = flaw or (f"age is {age:g}" if 0.0 <= radius < inf else f"radius is {radius:g}")
         if not all_finite(position):
             flaw = f"position is {position.tolist()}"
-        settle(self, flaw=flaw)
+        settle(self, position=position, radius=radius, age=age, flaw=flaw)
 
     def _check_state(self, size: int) -> str:
         """Convert the tracker's velocity and covariance; return what makes them useless."""

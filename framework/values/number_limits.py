@@ -88,8 +88,11 @@ def bounded(tracks: Tracks, scene: Scene | None) -> LimitedNumbers | None:
 def _places(positions: Array) -> tuple[Array, BoolArray]:
     """Return samples within the limits, (O, T, D), and which obstacles had others, (O,)."""
     size = np.abs(positions)
-    large, tiny = size > FARTHEST, size < FINEST
-    if not large.any() and not (tiny.any() and (tiny := tiny & (size > 0)).any()):
+    least = np.fmin.reduce(size, axis=None, initial=FINEST)
+    if least >= FINEST and _largest(size) <= FARTHEST:  # the usual case
+        return positions, np.zeros(len(positions), dtype=np.bool_)
+    large, tiny = size > FARTHEST, (size < FINEST) & (size > 0)
+    if not large.any() and not tiny.any():
         return positions, np.zeros(len(positions), dtype=np.bool_)
     beyond = np.asarray(large.any(axis=2), dtype=np.bool_)
     far = np.asarray(beyond.any(axis=1), dtype=np.bool_)
@@ -100,7 +103,7 @@ def _places(positions: Array) -> tuple[Array, BoolArray]:
 def _after_leaps(positions: Array, dt: float) -> tuple[Array, BoolArray]:
     """Return the samples from the last leap on, (O, T, D), and which obstacles leapt, (O,)."""
     none_leapt = np.zeros(len(positions), dtype=np.bool_)
-    if not (np.abs(positions) > 0.25 * LEAP).any():  # the usual case: no room for a leap
+    if not _beyond(positions, 0.25 * LEAP):  # the usual case: no room for a leap
         return positions, none_leapt
     columns = np.arange(positions.shape[1])
     seen = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.bool_)
@@ -119,10 +122,11 @@ def _after_leaps(positions: Array, dt: float) -> tuple[Array, BoolArray]:
 def _spreads(covariance: Array) -> tuple[Array, BoolArray]:
     """Return covariances within the limits, (O, S, S), and which had larger values, (O,)."""
     size = np.abs(covariance)
-    large, tiny = size > VAGUEST**2, (size < FINEST**2) & (size > 0)
-    if not large.any() and not tiny.any():
+    tiny = (size < FINEST**2) & (size > 0)
+    if _largest(size) <= VAGUEST**2 and not tiny.any():
         return covariance, np.zeros(len(covariance), dtype=np.bool_)
-    vague, largest = np.asarray(large.any(axis=(1, 2))), size.max(axis=(1, 2), initial=0.0)
+    largest = size.max(axis=(1, 2), initial=0.0)
+    vague = np.asarray(largest > VAGUEST**2)
     kept = np.where(tiny, 0.0, covariance)
     if vague.any():
         scale = largest[vague, None, None]
@@ -162,4 +166,9 @@ def _scene(scene: Scene) -> Scene:
 
 
 def _beyond(values: Array, limit: float) -> bool:
-    return bool((np.abs(values) > limit).any())
+    return bool(_largest(np.abs(values)) > limit)
+
+
+def _largest(size: Array) -> float:
+    """Return the largest of some numbers of at least 0; NaN and no number at all count as 0."""
+    return float(np.fmax.reduce(size, axis=None, initial=0.0))

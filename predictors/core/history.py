@@ -111,9 +111,11 @@ def gather(
     origin = np.where(seen[:, -1:], aligned[:, -1], 0.0)
     if (seen[:, 1:] >= seen[:, :-1]).all():  # most are seen ever since the first sample
         began = np.asarray(kept - seen.sum(axis=1), dtype=np.int64)
-        relative = np.where(seen[..., None], aligned - origin[:, None], 0.0)
+        relative = aligned - origin[:, None]
         first = relative[row[:, 0], np.minimum(began, kept - 1)]
-        relative = np.where(seen[..., None], relative, first[:, None])
+        first[began == kept] = 0.0
+        owner, column = np.nonzero(~seen)
+        relative[owner, column] = first[owner]
         late = np.where(began < kept, late, 0)
         return Histories(origin, relative, seen, began, late.astype(np.int64))
     began = _beginning(seen, longest_gap)
@@ -128,7 +130,10 @@ def gather(
 def _observed(positions: Array) -> BoolArray:
     """Whether every coordinate of each sample is known, (O, T)."""
     finite = np.isfinite(positions)
-    return np.asarray(np.logical_and.reduce(finite, axis=2), dtype=np.bool_)
+    seen = finite[..., 0]
+    for axis in range(1, positions.shape[2]):  # NumPy is slow over an axis this short
+        seen = seen & finite[..., axis]
+    return np.asarray(seen, dtype=np.bool_)
 
 
 def _neighbours(seen: BoolArray) -> tuple[IntArray, IntArray]:
