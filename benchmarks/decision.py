@@ -56,7 +56,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "history onto the grid": ("framework.tracking.history:History.tracks",),
     "filter": ("predictors.kalman:Kalman.predict",),
     "roll-out of the filter": ("predictors.core.kalman_filter:roll_out",),
-    "resampling": ("framework.values.forecast:resample",),
+    "resampling": ("framework.tracking.perception:_on_times",),
     "obstacles chosen, regions": (
         "framework.mpc.slots.gaussian_discs:GaussianDiscs.choose",
         "framework.mpc.slots.static_polygons:StaticPolygons.choose",

@@ -81,7 +81,7 @@ class Extent:
 
 
 QUICK = Extent(
-    instances=2,
+    instances=1,
     rounds=1,
     hard=1,
     sizes=scaling.Sizes((1, 2), (5, 10), (1,), instances=1, seen=(2, 30), decisions=1),

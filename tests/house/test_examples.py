@@ -1,17 +1,30 @@
-"""The scripts in examples/ run as a user runs them, say so, and draw a picture."""
+"""The scripts in examples/ run, say so, and draw a picture."""
 
-import os
-import subprocess
-import sys
+import runpy
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from wideberth.controllers.policy import Policy
+from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@pytest.fixture
+def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty working folder, and a process that forgets what a script registers or draws."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    from matplotlib import pyplot
+
+    monkeypatch.setattr(registry, "_registered", {room: {} for room in registry.ROOMS})
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    pyplot.close("all")
 
 
 @pytest.mark.parametrize(
@@ -25,24 +38,18 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
         ("static_polygons", "gap.png", "The plan is optimal"),
     ],
 )
-def test_an_example_runs_and_draws(name: str, picture: str, words: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "error::UserWarning", str(EXAMPLES / f"{name}.py")],
-        cwd=tmp_path, text=True, capture_output=True, timeout=240,
-        env={**os.environ, "MPLBACKEND": "Agg"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert words in done.stdout
-    assert is_picture(tmp_path / picture)
+def test_an_example_runs_and_draws(
+    name: str, picture: str, words: str, alone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert words in capsys.readouterr().out
+    assert is_picture(alone / picture)
 
 
 def test_the_learning_example_learns_to_give_way(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    alone: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("gymnasium")
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    monkeypatch.setenv("MPLBACKEND", "Agg")
-    monkeypatch.chdir(tmp_path)
     example = import_module("learn_policy")
     scenario = {"type": "crossing_field", "walkers": 4, "reach": 4.0}
     world = example.gymnasium.make(example.navigation.ID, robot=example.ROBOT, scenario=scenario)
@@ -52,7 +59,7 @@ def test_the_learning_example_learns_to_give_way(
     assert learnt > straight - 0.01
     example.learn(tries=1, learning=[0], testing=[3])
     assert "learnt: Weights(pull=" in capsys.readouterr().out
-    assert is_picture(tmp_path / "learn_policy.png")
+    assert is_picture(alone / "learn_policy.png")
     robot = build("robots", example.ROBOT)
     assert Policy(robot, "learn_policy:policy").policy == "learn_policy:policy"
 

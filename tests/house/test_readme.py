@@ -5,11 +5,47 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
+
+import pytest
+
+from wideberth.framework.plugins import registry
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+RunPage = Callable[[str, str, str], None]
 SCRIPTS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+
+
+@pytest.fixture
+def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunPage]:
+    """Run the blocks from the one that defines a class to that of another, and a check.
+
+    They are a module `page`, which is forgotten afterwards, and so is what it registers.
+    """
+    monkeypatch.setattr(registry, "_registered", {room: {} for room in registry.ROOMS})
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+
+    def run(first: str, last: str, check: str) -> None:
+        script = "\n".join([*blocks_of(first, last), check])
+        (tmp_path / "page.py").write_text(script, encoding="utf-8")
+        import_module("page")
+
+    yield run
+    sys.modules.pop("page", None)
+
+
+def blocks_of(first: str, last: str) -> list[str]:
+    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    ends = [
+        next(i for i, block in enumerate(blocks) if f"class {name}(" in block)
+        for name in (first, last)
+    ]
+    return blocks[ends[0] : ends[1] + 1]
 
 
 def test_first_script_draws_a_picture(tmp_path: Path) -> None:
@@ -25,28 +61,28 @@ def test_first_script_draws_a_picture(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
 
 
-def test_predictors_that_learn_are_written_as_the_page_says(tmp_path: Path) -> None:
+def test_predictors_that_learn_are_written_as_the_page_says(run_page: RunPage) -> None:
     """The blocks that define `Straying` and `Widened`; the contract check runs on both."""
     check = "from wideberth.framework.testing import check_predictor\n"
     check += "check_predictor(Straying())\ncheck_predictor(Widened())\n"
-    run_page(tmp_path, "Straying", "Widened", check)
+    run_page("Straying", "Widened", check)
 
 
-def test_a_scenario_is_written_as_the_page_says(tmp_path: Path) -> None:
+def test_a_scenario_is_written_as_the_page_says(run_page: RunPage) -> None:
     """The block that defines `Gate`; the contract check runs on it, and it refuses narrow ways."""
     check = "from wideberth.framework.testing import check_scenario\n"
     check += "check_scenario(Gate())\nassert len(Gate().cast(3).bystanders) == 1\n"
     check += "try:\n    Gate(width=0.8)\nexcept WideberthError:\n    pass\n"
     check += "else:\n    raise SystemExit('a narrow gate')\n"
-    run_page(tmp_path, "Gate", "Gate", check)
+    run_page("Gate", "Gate", check)
 
 
-def test_a_level_policy_is_written_as_the_page_says(tmp_path: Path) -> None:
+def test_a_level_policy_is_written_as_the_page_says(run_page: RunPage) -> None:
     check = "from wideberth.framework.testing import check_level\ncheck_level(TwoStage())\n"
-    run_page(tmp_path, "TwoStage", "TwoStage", check)
+    run_page("TwoStage", "TwoStage", check)
 
 
-def test_a_solver_is_written_as_the_page_says(tmp_path: Path) -> None:
+def test_a_solver_is_written_as_the_page_says(run_page: RunPage) -> None:
     """The block that defines `AdaptiveIpopt`; a planner reaches its first rung with it."""
     check = """
 from wideberth import Observation, Path, build
@@ -57,10 +93,10 @@ planner.set_path(Path([(0, 0), (12, 0)]))
 planner.command(Observation(0.0, (0, 0.2, 0, 0.5, 0)))
 assert planner.plan.rung == "optimal", planner.plan.reason
 """
-    run_page(tmp_path, "AdaptiveIpopt", "AdaptiveIpopt", check)
+    run_page("AdaptiveIpopt", "AdaptiveIpopt", check)
 
 
-def test_a_rung_is_written_as_the_page_says(tmp_path: Path) -> None:
+def test_a_rung_is_written_as_the_page_says(run_page: RunPage) -> None:
     """The block that defines `SlowDown`; it holds where the solver fails and the road is free."""
     check = """
 from wideberth import Observation, Path, build
@@ -79,10 +115,10 @@ planner.set_path(Path([(0, 0), (12, 0)]))
 planner.command(Observation(0.0, (0, 0, 0, 0.5, 0)))
 assert planner.plan.rung == "slow down", planner.plan.reason
 """
-    run_page(tmp_path, "SlowDown", "SlowDown", check)
+    run_page("SlowDown", "SlowDown", check)
 
 
-def test_a_slot_kind_is_written_as_the_page_says(tmp_path: Path) -> None:
+def test_a_slot_kind_is_written_as_the_page_says(run_page: RunPage) -> None:
     """The block that defines `Fronts`; a front that comes nearer pushes the robot ahead."""
     check = """
 from wideberth import Observation, Path, build
@@ -100,7 +136,7 @@ border = -1.0 + 0.4 * (0.1 + 0.5 * np.arange(1, 9))
 gap = planner.plan.positions[1:, 0] - border - 0.5
 assert gap.min() > -1e-6 and gap[-1] < 1e-2, gap
 """
-    run_page(tmp_path, "Fronts", "Fronts", check)
+    run_page("Fronts", "Fronts", check)
 
 
 def test_a_scenario_is_played_from_the_config_on_the_page(tmp_path: Path) -> None:
@@ -141,22 +177,6 @@ def test_a_study_is_written_as_the_page_says(tmp_path: Path) -> None:
     table = (tmp_path / "found" / "table.csv").read_text(encoding="utf-8")
     assert len(table.splitlines()) == 6 and "area_m2" in table
     assert (tmp_path / "found" / "figures" / "area_by_tail.png").exists()
-
-
-def run_page(folder: Path, first: str, last: str, check: str) -> None:
-    """Run the blocks from the one that defines a class to that of another, and a check."""
-    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    ends = [
-        next(i for i, block in enumerate(blocks) if f"class {name}(" in block)
-        for name in (first, last)
-    ]
-    script = folder / "page.py"
-    script.write_text("\n".join([*blocks[ends[0] : ends[1] + 1], check]), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(script)], cwd=folder, text=True, capture_output=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
 
 
 def test_links_lead_somewhere() -> None:
