@@ -58,7 +58,11 @@ def check_controller(
     """
     model = controller.robot if robot is None and isinstance(controller, DrivesRobot) else robot
     if not isinstance(model, Robot):
-        raise WideberthError("check_controller needs the robot that the controller drives")
+        raise WideberthError(
+            f"check_controller needs the robot that {type(controller).__name__} drives: give the "
+            "controller a field or property `robot` (a wrapper returns that of its controller), "
+            "or pass robot="
+        )
     seed = np.random.default_rng(0) if rng is None else rng
     days = _Days(controller, model, list(_meeting(controller, model, cycles, seed)))
     return stated(_Days, controller, lambda: [days])

@@ -26,7 +26,7 @@ class Careful(Pursuit):
 
 def test_stub_keeps_the_controller_contract():
     check_controller(Careful(Unicycle(), planning=False), cycles=3)
-    with pytest.raises(WideberthError, match="needs the robot"):
+    with pytest.raises(WideberthError, match=r"robot that Pursuit drives: give .* `robot`"):
         check_controller(Pursuit(None))
 
 
