@@ -82,6 +82,36 @@ def test_a_level_policy_is_written_as_the_page_says(run_page: RunPage) -> None:
     run_page("TwoStage", "TwoStage", check)
 
 
+def test_a_wrapper_of_a_controller_is_written_as_the_page_says(run_page: RunPage) -> None:
+    """`Gentle` keeps the laws, and drives at half the speed of what it wraps."""
+    check = """
+from wideberth import Observation, Path, build
+from wideberth.framework.testing import check_controller
+
+settings = {"type": "constant_velocity", "robot": "holonomic_velocity", "period": 0.25}
+gentle = build("controllers", {"type": "gentle", "controller": settings})
+check_controller(gentle)
+plain = build("controllers", settings)
+seen = Observation(0.0, (0, 0))
+for one in (gentle, plain):
+    one.set_path(Path([(0, 0), (12, 0)]))
+halved = tuple(0.5 * part for part in plain.command(seen).linear)
+assert gentle.command(seen).linear == halved != (0.0, 0.0)
+"""
+    run_page("Gentle", "Gentle", check)
+
+
+def test_a_route_planner_is_written_as_the_page_says(run_page: RunPage) -> None:
+    check = "from wideberth.framework.testing import check_route_planner\n"
+    check += "check_route_planner(StraightOn())\n"
+    run_page("StraightOn", "StraightOn", check)
+
+
+def test_a_cost_is_written_as_the_page_says(run_page: RunPage) -> None:
+    check = "from wideberth.framework.testing import check_cost\ncheck_cost(Steady())\n"
+    run_page("Steady", "Steady", check)
+
+
 def test_a_solver_is_written_as_the_page_says(run_page: RunPage) -> None:
     """The block that defines `AdaptiveIpopt`; a planner reaches its first rung with it."""
     check = """
