@@ -223,5 +223,5 @@ draw.plan(planner.plan)
 #
 # It keeps no episodes. To look at one, drive the pair in a ``comparison``, as in :doc:`6_a_figure_for_a_paper`.
 #
-# The guide :doc:`/write-your-own` has the laws of each kind, and ten more kinds: level policies, costs, solvers,
-# scenarios, studies, and so on.
+# The guide :doc:`/write-your-own` has the laws of each kind, and many more kinds: level policies, costs,
+# solvers, scenarios, studies, and so on.

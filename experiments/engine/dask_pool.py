@@ -1,7 +1,7 @@
 """Workers of a Dask cluster, reached through its scheduler.
 
-Shards come back through the scheduler and the driver writes them: the workers need no folder in
-common with it, only the same program. docs/cluster.md says how to start a cluster.
+Results of tasks come back through the scheduler and the driver writes them: the workers need no
+folder in common with it, only the same program. docs/cluster.md says how to start a cluster.
 """
 
 import logging
