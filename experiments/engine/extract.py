@@ -9,8 +9,8 @@ from typing import Any
 from ...framework.plugins.registry import load, unknown
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
+from .column_descriptions import shares
 from .csv_tables import read_table
-from .meanings import shares
 from .result import Row, need_frames
 from .text_tables import columns_of, format_cell, headed, in_per_cent, main_columns, markdown_table
 

@@ -12,8 +12,8 @@ from ...framework.plugins.io import check_target, read_json, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
+from ..engine.column_descriptions import ColumnDescription, column_descriptions
 from ..engine.csv_tables import read_table, table_text
-from ..engine.meanings import Meaning, meanings
 from ..engine.result import condense_times
 from ..engine.runner import draw, reopen
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
@@ -167,7 +167,7 @@ def _contents(
     """Return what the template shows of a result."""
     stills = [path for path in one.pictures if path.suffix == ".png"]
     films, long_films = _fitting([path for path in one.pictures if path.suffix == ".gif"])
-    known = meanings(one.study, columns_of(one.summary))
+    known = column_descriptions(one.study, columns_of(one.summary))
     some, count = one.rows[:_FIRST], len(one.rows)
     few = f"all {count}" if count == len(some) else f"the first {len(some)} of {count}"
     table = table_text(one.rows).encode("utf-8")
@@ -196,7 +196,7 @@ def _fact(value: Any) -> str:
     return format_cell(value) or "none"
 
 
-def _headline(one: Report, known: Mapping[str, Meaning]) -> list[dict[str, str]]:
+def _headline(one: Report, known: Mapping[str, ColumnDescription]) -> list[dict[str, str]]:
     """Return the numbers that lead a result; none where its summary holds none."""
     held = columns_of(one.summary)
     labels = leading(one.summary, known)
@@ -213,7 +213,7 @@ def _headline(one: Report, known: Mapping[str, Meaning]) -> list[dict[str, str]]
 
 
 def _card(
-    rows: Sequence[Row], lines: Sequence[str], name: str, meaning: Meaning | None
+    rows: Sequence[Row], lines: Sequence[str], name: str, meaning: ColumnDescription | None
 ) -> dict[str, str]:
     """Return the value of a column, or the least and largest with the lines that hold them.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ...draw.style import MINUS, number
 from ..engine.base import Row
-from ..engine.meanings import Meaning
+from ..engine.column_descriptions import ColumnDescription
 from ..engine.text_tables import (
     WIDEST,
     columns_of,
@@ -46,7 +46,7 @@ def flagged(name: str, value: Any) -> str:
 
 
 def html_table(
-    rows: Sequence[Row], caption: str, meanings: Mapping[str, Meaning] | None = None
+    rows: Sequence[Row], caption: str, descriptions: Mapping[str, ColumnDescription] | None = None
 ) -> str:
     """Return rows as a table.
 
@@ -58,12 +58,12 @@ def html_table(
     ----------
     rows : lines.
     caption : plain text.
-    meanings : of the columns, where known.
+    descriptions : of the columns, where known.
     """
-    meanings = meanings or {}
-    first = leading(rows, meanings)
+    descriptions = descriptions or {}
+    first = leading(rows, descriptions)
     upright = not sideways(rows)
-    every = [_column(name, rows, meanings, upright) for name in _grouped(rows, meanings)]
+    every = [_column(name, rows, descriptions, upright) for name in _grouped(rows, descriptions)]
     names, rest = every[: len(first)], every[len(first) :]
     same = _constant(rows, [column.name for column in rest])
     columns = [column for column in rest if column.name not in same]
@@ -89,7 +89,7 @@ class _Column:
     Attributes
     ----------
     name, heading, title : as in the table, for reading, and with the unit of shares.
-    meaning, group : as of `Meaning`; empty where no page defines the column.
+    meaning, group : as of `ColumnDescription`; empty where no page defines the column.
     share : whether it holds shares, which are shown in per cent.
     words : whether it holds text. decimals : digits after the point that its numbers have at most.
     """
@@ -105,10 +105,10 @@ class _Column:
 
 
 def _column(
-    name: str, rows: Sequence[Row], meanings: Mapping[str, Meaning], upright: bool
+    name: str, rows: Sequence[Row], descriptions: Mapping[str, ColumnDescription], upright: bool
 ) -> _Column:
     """Return a column; below one that is upright, words stand left and points below each other."""
-    known = meanings.get(name)
+    known = descriptions.get(name)
     share = known is not None and known.share
     values = [in_unit(row.get(name), known) for row in rows] if upright else []
     digits = [len(_fraction(shown(value))) for value in values if isinstance(value, float)]
@@ -165,35 +165,37 @@ def _said(column: _Column, row: Row) -> str:
     return f"{column.title} {cell.text or 'none'}{f' ({cell.flag})' if cell.flag else ''}"
 
 
-def leading(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> list[str]:
+def leading(rows: Sequence[Row], descriptions: Mapping[str, ColumnDescription]) -> list[str]:
     """Return the first columns, which name a line: words whose meaning the config states."""
     columns = columns_of(rows)
-    if not meanings:
+    if not descriptions:
         return columns[: naming(rows)]
     found = list(
         takewhile(
-            lambda name: name not in meanings and all(isinstance(r.get(name), str) for r in rows),
+            lambda name: (
+                name not in descriptions and all(isinstance(r.get(name), str) for r in rows)
+            ),
             columns,
         )
     )
     return found or columns[:1]
 
 
-def _grouped(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> list[str]:
+def _grouped(rows: Sequence[Row], descriptions: Mapping[str, ColumnDescription]) -> list[str]:
     """Return all columns, those of one group beside each other, after those that name a line."""
-    first = leading(rows, meanings)
+    first = leading(rows, descriptions)
     rest = [name for name in columns_of(rows) if name not in first]
-    groups = {name: meanings[name].group if name in meanings else _OTHER for name in rest}
+    groups = {name: descriptions[name].group if name in descriptions else _OTHER for name in rest}
     order = [*dict.fromkeys(group for group in groups.values() if group != _OTHER), _OTHER]
     return [*first, *sorted(rest, key=lambda name: order.index(groups[name]))]
 
 
-def titled(name: str, meaning: Meaning | None) -> str:
+def titled(name: str, meaning: ColumnDescription | None) -> str:
     """Return the name of a column for reading, with its unit."""
     return headed(name, meaning is not None and meaning.share)
 
 
-def in_unit(value: Any, meaning: Meaning | None) -> Any:
+def in_unit(value: Any, meaning: ColumnDescription | None) -> Any:
     """Return a value in the unit that the name of its column states: a share in per cent."""
     return per_cent(value) if meaning is not None and meaning.share else value
 

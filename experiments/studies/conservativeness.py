@@ -79,7 +79,7 @@ class Conservativeness(PlacesStudy):
             "seed": self.seed_range,
         }
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with each region and covariance rule."""
         planner = planner_of(self.planner)
         return {
@@ -90,7 +90,7 @@ class Conservativeness(PlacesStudy):
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode and count what its plans kept."""
-        episode = self.played(task, self.begun()[task.settings["planner"]])
+        episode = self.played(task, self.controllers()[task.settings["planner"]])
         more = {"promised": promised(episode), "kept": kept(episode)}
         return outcome(episode, task, self.tail, more)
 

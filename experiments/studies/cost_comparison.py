@@ -71,7 +71,7 @@ class CostComparison(PlacesStudy):
         """Each scenario, for all costs."""
         return {"scenario": self.scenarios, "seed": self.seed_range}
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with each cost."""
         planner = planner_of(self.planner)
         return {name: replace(planner, cost=cost) for name, cost in self.costs.items()}
@@ -79,7 +79,7 @@ class CostComparison(PlacesStudy):
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode with each cost."""
         rows, times = [], []
-        for name, planner in self.begun().items():
+        for name, planner in self.controllers().items():
             label = {**task.settings, "planner": name, "seed": task.seed}
             watch = Stopwatch(planner_of(planner), [])
             episode = self.played(task, watch)

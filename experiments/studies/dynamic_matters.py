@@ -57,14 +57,14 @@ class DynamicMatters(PlacesStudy):
         """Each scenario with each predictor."""
         return {"scenario": self.scenarios, "planner": self.predictors, "seed": self.seed_range}
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with each predictor."""
         planner = planner_of(self.planner)
         return {name: replace(planner, predictor=one) for name, one in self.predictors.items()}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
-        episode = self.played(task, self.begun()[task.settings["planner"]])
+        episode = self.played(task, self.controllers()[task.settings["planner"]])
         return outcome(episode, task, self.tail)
 
     def summary(self, rows: list[Row]) -> list[Row]:

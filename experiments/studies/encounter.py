@@ -49,7 +49,7 @@ class Encounter(OnePlaceStudy):
         """Each planner."""
         return {"scenario": ["run"], "planner": self.planners, "seed": self.seed_range}
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planners."""
         return self.planners
 

@@ -82,7 +82,7 @@ class ClosedLoopStudy(SeededStudy):
         """Return the scenarios by name; by "" where there is one only."""
 
     @abstractmethod
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return controllers, by name, that must be able to begin an episode everywhere."""
 
     @final
@@ -93,7 +93,7 @@ class ClosedLoopStudy(SeededStudy):
     @final
     def check(self) -> None:
         """Begin an episode of the first seed with each controller at each place."""
-        check_starts(self.places(), self.robot, self.begun(), self.first_seed)
+        check_starts(self.places(), self.robot, self.controllers(), self.first_seed)
 
     @final
     def played(self, task: Task, controller: Controller) -> Episode:

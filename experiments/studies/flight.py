@@ -90,7 +90,7 @@ class Flight(OnePlaceStudy):
             "seed": self.seed_range,
         }
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with each predictor and region."""
         planner = planner_of(self.planner)
         return {
@@ -102,7 +102,7 @@ class Flight(OnePlaceStudy):
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode and measure its regions."""
         region, margin = task.settings["region"], planner_of(self.planner).margin
-        episode = self.played(task, self.begun()[task.settings["planner"]])
+        episode = self.played(task, self.controllers()[task.settings["planner"]])
         spent = [plan.iterations for log in episode.robots for plan in log.plans]
         more = {
             "iterations": float(np.mean(spent)),

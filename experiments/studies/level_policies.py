@@ -79,7 +79,7 @@ class LevelPolicies(PlacesStudy):
             "seed": self.seed_range,
         }
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planner as it is given."""
         return {"planner": self.planner}
 

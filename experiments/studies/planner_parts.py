@@ -68,7 +68,7 @@ class PlannerParts(OnePlaceStudy):
         """Each predictor with each region."""
         return {"predictor": self.predictors, "region": self.regions, "seed": self.seed_range}
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Make every pair, and return those that have a part of the first one.
 
         So each predictor begins with the first region, and each region with the first

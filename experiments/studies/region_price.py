@@ -97,7 +97,7 @@ class RegionPrice(OnePlaceStudy):
         """Each forecast, for all regions."""
         return {"forecast": self.predictors, "seed": self.seed_range}
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planner as it is given."""
         return {"planner": self.planner}
 

@@ -22,7 +22,7 @@ from ...nav2.costmap.rays import Rays
 from ...nav2.server.navigator import Nav2
 from ...simulation.engine.agents import Bystander, RobotAgent
 from ...simulation.engine.driver import Driver
-from ...simulation.engine.exchange import ExchangedPositions
+from ...simulation.engine.exchanged_positions import ExchangedPositions
 from ...simulation.engine.plant import Plant
 from ...simulation.engine.settings import Settings
 from ...simulation.engine.world import Around, World

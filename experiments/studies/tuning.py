@@ -92,7 +92,7 @@ class Tuning(OnePlaceStudy):
         """Each setting."""
         return {("factor", "value"): list(self.variants()), "seed": self.seed_range}
 
-    def begun(self) -> Mapping[str, Controller]:
+    def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with every setting."""
         return {" ".join(key).strip(): self.variant(*key) for key in self.variants()}
 

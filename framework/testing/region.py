@@ -12,8 +12,8 @@ from ..risk.collision_probability import collision_probability
 from ..values.arrays import Array, BoolArray
 from ..values.errors import WideberthError
 from .laws import Contract, Law, law, stated
+from .numeric_constraint import ConstraintValues, NumericConstraint, compile_constraint
 from .region_cases import RegionCase, Sides, random_auxiliaries, sphere, turned
-from .twin import Twin, Twinned, compile_twin
 
 _TAILS = (1.0 - 1e-9, 0.999, 0.5, 0.1, 0.05, 1e-3, 1e-12, 1e-15)
 _NEAR = 1e-6
@@ -67,14 +67,14 @@ class Probe:
     Attributes
     ----------
     case : the region for this obstacle.
-    twin : its symbolic constraint.
+    constraint : its symbolic constraint.
     usual : whether the obstacle is one without extremes.
     reach : (R, D) m, from the mean to the boundary.
     points : (K, D) m.
     """
 
     case: RegionCase
-    twin: Twin
+    constraint: NumericConstraint
     usual: bool
     reach: Array
     points: Array
@@ -89,10 +89,12 @@ class Probe:
         """Which points the region holds."""
         return self.case.contains(self.points)
 
-    def values(self, level: float | None = None, auxiliaries: Array | None = None) -> Twinned:
+    def values(
+        self, level: float | None = None, auxiliaries: Array | None = None
+    ) -> ConstraintValues:
         """Return the symbolic constraint at the points, its gradient, and the equalities."""
         held = float(self.case.level) if level is None else level
-        return self.twin(self.points, self.case.parameters, held, auxiliaries)
+        return self.constraint(self.points, self.case.parameters, held, auxiliaries)
 
     @law("symbolic constraint and contains agree")
     def check_sides(self) -> None:
@@ -125,7 +127,7 @@ class Probe:
         spread = np.linalg.eigvalsh(case.covariance)
         if spread[-1] - spread[0] < 1e-9 * spread[-1]:
             return  # any axes are those of a round covariance
-        others, *_ = self.twin(self.points, numbers, float(case.level))
+        others, *_ = self.constraint(self.points, numbers, float(case.level))
         if not np.allclose(self.values()[0], others, rtol=1e-6, atol=1e-8):
             raise case.fail("closed_form and parameters must state the same constraint")
 
@@ -157,7 +159,9 @@ class Probe:
         case = self.case
         if not self.usual or not case.contains(case.mean[None])[0]:
             return
-        _, gradients, _ = self.twin(case.mean + self.reach, case.parameters, float(case.level))
+        _, gradients, _ = self.constraint(
+            case.mean + self.reach, case.parameters, float(case.level)
+        )
         size = np.linalg.norm(gradients, axis=1) * case.extents[0]
         if not (np.isfinite(size).all() and size.min() > 1e-3):
             raise case.fail("the gradient must be finite and must not vanish at the boundary")
@@ -279,8 +283,8 @@ class _Surroundings:
     rng: np.random.Generator
 
     @cached_property
-    def twins(self) -> dict[int, Twin]:
-        return {size: compile_twin(self.region, size) for size in self.sizes}
+    def constraints(self) -> dict[int, NumericConstraint]:
+        return {size: compile_constraint(self.region, size) for size in self.sizes}
 
     @cached_property
     def probes(self) -> list[Probe]:
@@ -302,7 +306,7 @@ class _Surroundings:
             spread = mean + (_FACTORS[:, None, None] * reach).reshape(-1, size)
             scattered = mean + self.rng.uniform(-1.5, 1.5, (_RAYS, size)) * case.extents[0]
             points = np.concatenate([spread, scattered])
-            yield Probe(case, self.twins[size], usual, reach, points)
+            yield Probe(case, self.constraints[size], usual, reach, points)
 
     @law("level and tail are inverse")
     def check_level(self) -> None:
@@ -339,7 +343,7 @@ class _Surroundings:
             return
         if not (np.isfinite(case.parameters).all()):
             raise case.fail("parameters must be finite for degenerate covariances")
-        values, gradients, _ = self.twins[size](points, case.parameters, float(case.level))
+        values, gradients, _ = self.constraints[size](points, case.parameters, float(case.level))
         if not (np.isfinite(values).all() and np.isfinite(gradients).all()):
             raise case.fail("constraint and gradient must be finite, at the centre too")
         if tail == 0.05 and values[-1] < 0.0:

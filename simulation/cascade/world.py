@@ -17,7 +17,7 @@ from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
 from ..engine.agents import Bystander, RobotAgent
 from ..engine.driver import Driver
-from ..engine.exchange import ExchangedPositions
+from ..engine.exchanged_positions import ExchangedPositions
 from ..engine.plant import KinematicPlant, Plant
 from ..engine.settings import Settings
 from ..engine.world import Around, World

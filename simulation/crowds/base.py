@@ -15,7 +15,7 @@ from ...framework.values.motion import Observation, Pose, Twist
 from ...framework.values.polygon import Polygon
 from ..engine.agents import Bystander, CrowdMember, RobotAgent
 from ..engine.driver import Driver
-from ..engine.exchange import ExchangedPositions
+from ..engine.exchanged_positions import ExchangedPositions
 from ..engine.plant import KinematicPlant, Plant
 from ..engine.settings import Settings
 from ..engine.world import Around, World

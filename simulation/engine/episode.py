@@ -23,7 +23,7 @@ from ...metrics.gaps import BodyMotion, gaps, wall_gaps
 from ..log.episode_log import AgentLog, CommandLog, Episode
 from .agents import Bystander, CrowdMember, PathChange, ReplayAgent, RobotAgent, ScriptedAgent
 from .driver import Driver
-from .exchange import ExchangedPositions
+from .exchanged_positions import ExchangedPositions
 from .foresight import Foresight, Planned
 from .settings import STILL, Settings
 from .world import Around, World

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
+from wideberth.experiments.engine.column_descriptions import column_descriptions, shares
 from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.engine.extract import aligned
-from wideberth.experiments.engine.meanings import meanings, shares
 from wideberth.experiments.engine.text_tables import main_columns, print_table
 from wideberth.experiments.report.tables import html_table
 from wideberth.experiments.studies.comparison import Comparison
@@ -80,7 +80,9 @@ def test_shares_are_printed_in_per_cent_and_counts_as_counts(
 
 
 def test_a_report_writes_them_so_too() -> None:
-    page = html_table([ROW, ROW, {**ROW, "collisions": 2}], "one", meanings("encounter", [*ROW]))
+    page = html_table(
+        [ROW, ROW, {**ROW, "collisions": 2}], "one", column_descriptions("encounter", [*ROW])
+    )
     assert "goals in time (%)" in page and '<td data-value="1.0">100</td>' in page
     assert "collisions</button>" in page and "coverage (%)" in page and ">95.3" in page
 

@@ -16,8 +16,8 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.closed_loop import condense
+from wideberth.experiments.engine.column_descriptions import column_descriptions
 from wideberth.experiments.engine.csv_tables import read_table, write_table
-from wideberth.experiments.engine.meanings import meanings
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.report.document import Report, gather, markdown, report, report_page
 from wideberth.experiments.report.tables import html_table
@@ -193,7 +193,8 @@ def test_what_was_found_comes_first(coins: Path) -> None:
     (said,) = {one for one in found.values("button", "title") if one.startswith("clearance")}
     assert (
         said
-        == "clearance_min_m: " + meanings("encounter", ["clearance_min_m"])["clearance_min_m"].text
+        == "clearance_min_m: "
+        + column_descriptions("encounter", ["clearance_min_m"])["clearance_min_m"].text
     )
     assert "episode" in said and "2contact" in found.cells
 
@@ -202,7 +203,7 @@ def test_many_quantities_of_few_lines_stand_on_their_side() -> None:
     row = {"planner": "a_b", "episodes": 2, "clearance_min_m": 0.5, "time_ratio": np.nan,
            "fallback_plans": 0.25, "deadlocks": 0, "length_ratio": 12345.6, "mine": 1.0,
            "errors": "", "coverage": 1.0}  # fmt: skip
-    known = meanings("encounter", list(row))
+    known = column_descriptions("encounter", list(row))
     text = html_table([row, {**row, "fallback_plans": 0.0}], "caption", known)
     found = Page(text)
     assert [one["scope"] for tag, one in found.tags if tag == "th"][:3] == ["row", "col", "col"]
@@ -258,7 +259,9 @@ def test_every_study_says_what_its_figures_show(name: str) -> None:
 
 def test_pages_define_columns_by_study() -> None:
     columns = ["area_ratio", "clearance_min_m", "success", "unheard_of"]
-    found = {one: meanings(one, columns) for one in ("region_price", "comparison", "flight")}
+    found = {
+        one: column_descriptions(one, columns) for one in ("region_price", "comparison", "flight")
+    }
     assert all("unheard_of" not in one for one in found.values())
     assert "area_ratio" not in found["comparison"]
     assert "divided by that of the exact sum" in found["region_price"]["area_ratio"].text
@@ -267,7 +270,7 @@ def test_pages_define_columns_by_study() -> None:
     assert found["comparison"]["success"].text.startswith("share of episodes")
     rows = [dict.fromkeys(columns_of_an_episode(), 1.0)]
     condensed = condense(rows)
-    assert set(condensed) == set(meanings("encounter", list(condensed)))
+    assert set(condensed) == set(column_descriptions("encounter", list(condensed)))
 
 
 def columns_of_an_episode() -> list[str]:

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Region
+from wideberth.framework.testing.numeric_constraint import NumericConstraint, compile_constraint
 from wideberth.framework.testing.region import Probe
 from wideberth.framework.testing.region_cases import RegionCase, sphere, turned
-from wideberth.framework.testing.twin import Twin, compile_twin
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.region_variants import draw_cases, variants
 
@@ -26,7 +26,7 @@ FACTORS = (0.0, 0.5, 0.999, 1.0 - 1e-5, 1.0 + 1e-5, 1.001, 1.5)
 FACTORS_AT_RANDOM = 2
 """Per ray also this many multiples at random: 10 * 80 * (7 + 2) = 7200 points."""
 
-compiled: Any = cache(compile_twin)
+compiled: Any = cache(compile_constraint)
 
 
 @st.composite
@@ -70,7 +70,7 @@ def build(region: Region, size: int, given: dict[str, Any]) -> RegionCase | None
 @every
 def test_symbolic_equals_numeric(region: Region, size: int) -> None:
     """At 7200 points, most of them within 1e-5 to 1e-3 of the boundary."""
-    twin: Twin = compiled(region, size)
+    constraint: NumericConstraint = compiled(region, size)
 
     @settings(max_examples=EXAMPLES, derandomize=True, deadline=None, database=None)
     @given(obstacles())
@@ -84,7 +84,7 @@ def test_symbolic_equals_numeric(region: Region, size: int) -> None:
         free = rng.uniform(0.0, 3.0, (FACTORS_AT_RANDOM, RAYS, 1)) * rays
         points = case.mean + np.concatenate([*(factor * reach[None] for factor in FACTORS), free])
         points = points.reshape(-1, size)
-        probe = Probe(case, twin, True, reach, points)
+        probe = Probe(case, constraint, True, reach, points)
         probe.check_sides()
         probe.check_guesses(rng)
 

@@ -16,8 +16,8 @@ PAGES = Path(__file__).resolve().parents[2] / "docs"
 
 
 @dataclass(frozen=True)
-class Meaning:
-    """Meaning of a column.
+class ColumnDescription:
+    """What a column means.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class _Table:
     columns: dict[str, str]
 
 
-def meanings(study: str, columns: Sequence[str]) -> dict[str, Meaning]:
+def column_descriptions(study: str, columns: Sequence[str]) -> dict[str, ColumnDescription]:
     """Return what the columns of a study's summary mean; those that no page defines are absent.
 
     The last definition counts: a page defines the columns of the table first, then those of the
@@ -67,13 +67,15 @@ def meanings(study: str, columns: Sequence[str]) -> dict[str, Meaning]:
         if table := last.get(column):
             text, bounded = table.columns[column], _BOUND.sub("", column)
             of = last[bounded].columns[bounded] if bounded in last else text
-            found[column] = Meaning(text, table.group, _SHARE.match(of) is not None)
+            found[column] = ColumnDescription(text, table.group, _SHARE.match(of) is not None)
     return found
 
 
 def shares(study: str, columns: Sequence[str]) -> frozenset[str]:
     """Return those columns of a study's tables that hold shares, by what the pages say of them."""
-    return frozenset(name for name, one in meanings(study, columns).items() if one.share)
+    return frozenset(
+        name for name, one in column_descriptions(study, columns).items() if one.share
+    )
 
 
 @cache

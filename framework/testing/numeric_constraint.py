@@ -9,21 +9,21 @@ from ..region import Region
 from ..values.arrays import Array
 from ..values.motion import Pose
 
-Twinned: TypeAlias = tuple[Array, Array, Array]
+ConstraintValues: TypeAlias = tuple[Array, Array, Array]
 """Smallest inequality, its gradient, largest |equality|, per point."""
 
 
-class Twin(Protocol):
+class NumericConstraint(Protocol):
     """Evaluates a constraint: smallest inequality, its gradient, largest |equality|."""
 
     def __call__(
         self, points: Array, numbers: Array, at: float, auxiliaries: Array | None = None
-    ) -> Twinned:
+    ) -> ConstraintValues:
         """Evaluate one region at points; with the best auxiliaries unless some are given."""
         ...
 
 
-def compile_twin(region: Region, size: int) -> Twin:
+def compile_constraint(region: Region, size: int) -> NumericConstraint:
     """Compile the symbolic constraint of one pose."""
     x, level = ca.SX.sym("x", size), ca.SX.sym("level")
     parameters = ca.SX.sym("parameters", region.parameter_count(size))
@@ -40,7 +40,7 @@ def compile_twin(region: Region, size: int) -> Twin:
 
     def evaluate(
         points: Array, numbers: Array, at: float, auxiliaries: Array | None = None
-    ) -> Twinned:
+    ) -> ConstraintValues:
         start = auxiliaries
         if start is None:
             start = region.auxiliary_start(Pose.of(points), numbers, np.asarray(at))
