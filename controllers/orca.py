@@ -32,7 +32,7 @@ class Orca(Reactive):
     enters them least. A neighbour that makes no way (an invisible robot's crowd) leaves its half
     undone: ORCA then collides.
 
-    As CrowdNav runs it: everybody has a simulator of their own, made anew for each decision, in
+    As CrowdNav runs it: each agent has a simulator of its own, made anew for each decision, in
     which the others want to stand; the wanted velocity is the way to the goal, at most
     ``reference_speed``. The library counts in single precision. A robot with heading follows
     the velocity by `steering.steer`, which ORCA does not know of: what it promises holds for

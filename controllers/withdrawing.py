@@ -343,7 +343,7 @@ class DeadlockResolver:
         return replace(known, withdrawal=replace(under_way, way=way, there=there), wait=None)
 
     def _looked(self, now: float, place: Array, others: Sequence[Detection]) -> "DeadlockResolver":
-        """Take note of where everybody is; what is older than needed is dropped."""
+        """Remember where the robot and the others are; drop what is older than needed."""
         snapshot = Snapshot(now, place, {one.ident: one.position for one in others})
         if not self.seen or self.seen[-1].stamp >= now:
             return DeadlockResolver((snapshot,))

@@ -28,7 +28,7 @@ FEWEST, CLASS = 100, 100
 """Windows that a fit needs in all, and a class for scales of its own."""
 LIMIT = 12.0
 """Largest |log scale|: a factor of 400 in lengths. It stops the drift to 0 where a forecast
-never misses (everybody stands still), from which the scale would need long to come back."""
+never misses (all people stand still), from which the scale would need long to come back."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Everybody plans: iterated best responses of planners that forecast each other."""
+"""Each agent plans: iterated best responses of planners that forecast each other."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass

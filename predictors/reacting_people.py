@@ -200,7 +200,7 @@ class ReactingPeople(Adaptive):
     courtesy : prior probability of making way for the robot.
     step : s, period at which people of the roll-out decide.
     most : people of whom something is believed, where the robot's plan is given.
-    fallback : for everybody else.
+    fallback : for all others.
     state : what `update` has learnt; None before.
 
     Raises
@@ -265,7 +265,7 @@ class ReactingPeople(Adaptive):
         return change
 
     def beliefs(self, tracks: Tracks, scene: Scene | None = None) -> tuple[PersonBelief, ...]:
-        """Return what is believed of everybody of whom something is, in the tracks' order."""
+        """Return what is believed of each person, where something is, in the tracks' order."""
         if self._unfit(tracks, 1):
             return ()
         known = self._known(tracks, scene)
@@ -335,7 +335,7 @@ class ReactingPeople(Adaptive):
         return PersonBeliefs.none(self._slots, tracks.ids, stamp - first * dt, dt), times
 
     def _missing(self, tracks: Tracks, known: PersonBeliefs) -> list[str | None]:
-        """Say of everybody why the models do not forecast him, or None."""
+        """Say of each person why the models do not forecast him, or None."""
         place = {ident: row for row, ident in enumerate(known.ids)}
         found: list[str | None] = []
         for ident, coarse in zip(tracks.ids, _coarse(tracks), strict=True):
@@ -361,7 +361,7 @@ class ReactingPeople(Adaptive):
         known: PersonBeliefs,
         served: list[int],
     ) -> "_Crowd":
-        """Gather everybody for a roll-out; who is not served follows his own forecast."""
+        """Gather all people for a roll-out; who is not served follows his own forecast."""
         count = max(ceil(steps * tracks.dt / self.step - 1e-9), 1)
         times = self.step * np.arange(count + 1.0)
         seen = _seen(tracks).max(axis=1, initial=False)
@@ -406,7 +406,7 @@ class ReactingPeople(Adaptive):
 
 @dataclass(frozen=True, eq=False)
 class _Crowd:
-    """Everybody who takes part in a roll-out."""
+    """All people who take part in a roll-out."""
 
     beliefs: PersonBeliefs
     radius: Array
@@ -469,7 +469,7 @@ def _walls(scene: Scene | None, tracks: Tracks) -> WallField:
 
 
 def _places(tracks: Tracks, time: float) -> Array:
-    """Where everybody was at a time within the tracks, (N, 2), m; NaN where not seen."""
+    """Where each of them was at a time within the tracks, (N, 2), m; NaN where not seen."""
     rows = tracks.positions.shape[1]
     place = min(max(rows - 1 - (tracks.stamp - time) / tracks.dt, 0.0), rows - 1.0)
     nearest = round(place)

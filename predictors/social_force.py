@@ -92,7 +92,7 @@ class SocialForce(Predictor):
 
 
 def _walkers(tracks: Tracks, ahead: Forecast, scene: Scene | None) -> SocialWalkers:
-    """Where everybody is now, and where to: an estimate goes straight on."""
+    """Where all people are now, and where to: an estimate goes straight on."""
     first, second = ahead.mean[:, 0, 0], ahead.mean[:, 0, 1]
     velocity = (second - first) / tracks.dt
     seen = np.asarray(np.isfinite(tracks.positions).all(axis=2), dtype=np.bool_)

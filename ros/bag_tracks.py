@@ -122,7 +122,7 @@ def _samples(bag: Bag, topics: Iterable[str], fixed: str) -> _Samples:
 
 
 def _who(topic: str, row: Timed) -> list[tuple[str, Array, float]]:
-    """Return identity, pose and radius of everybody in a message."""
+    """Return identity, pose and radius of each obstacle in a message."""
     mark = f" ({row.source + 1})" if row.source else ""
     content = row.decoded.content
     if isinstance(content, OdometryMessage):

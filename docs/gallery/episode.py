@@ -2,7 +2,7 @@
 An episode
 ==========
 
-Three people cross the way of a robot. The picture shows where everybody went, and the place of the least clearance.
+Three people cross the way of a robot. The picture shows where all of them went, and the place of the least clearance.
 This planner takes its forecasts as certain, and touches a person. ``episode.animate()`` makes a film of it.
 """
 

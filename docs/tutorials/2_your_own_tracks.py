@@ -40,7 +40,7 @@ print(f"a position is measured to {100 * recording.noise.deviation:.1f} cm")
 # %%
 # Forecast the people
 # -------------------
-# ``tracks`` returns everybody who was there at one moment, with their past. A predictor takes that, and returns where
+# ``tracks`` returns all people who were there at one moment, with their past. A predictor takes that, and returns where
 # they will be: a mean and a covariance per person and step.
 
 from wideberth import build, draw

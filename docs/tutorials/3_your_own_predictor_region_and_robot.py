@@ -11,7 +11,7 @@ its settings.
 # A predictor
 # -----------
 # A predictor turns tracks into a forecast: a mean and a covariance for each obstacle and step. This one expects that
-# everybody slows down to a halt, as people do who reach for their phone. It takes the Kalman filter's forecast, and
+# all people slow down to a halt, as people do who reach for their phone. It takes the Kalman filter's forecast, and
 # shortens the way.
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from wideberth.predictors import Kalman
 @final
 @dataclass(frozen=True)
 class Braking(Predictor):
-    """Everybody slows down: p(t) = p(0) + v tau (1 - exp(-t / tau))."""
+    """All people slow down: p(t) = p(0) + v tau (1 - exp(-t / tau))."""
 
     time_constant: float = 3.0  # tau, s
 

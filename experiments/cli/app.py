@@ -571,7 +571,7 @@ def warmup() -> None:
     begin = time.monotonic()
     core(LEAST_KINDS)  # the same for all planners; raises where nothing can be compiled
     planner = recommended(quiet=True)
-    planner.set_path(Route(np.array([[0.0, 0.0], [5.0, 0.0]])))  # decides once, far from everybody
+    planner.set_path(Route(np.array([[0.0, 0.0], [5.0, 0.0]])))  # decides once, with none near
     typer.echo(f"riccati is ready for the recommended planner; {span(time.monotonic() - begin)}")
 
 

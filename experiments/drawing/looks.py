@@ -76,7 +76,7 @@ def draw_looks(episode: Episode, looks: Sequence[CostmapLook]) -> "Figure":
 
     Grey is what a cell costs, black a lethal one. Thin lines are the trajectories that the
     controller compared, the thick one is that which it expects to drive. Discs are where
-    everybody truly is.
+    all robots and people truly are.
     """
     found = artists.closest(episode)
     middle = 0.5 * episode.duration if found is None else found.time

@@ -27,7 +27,7 @@ from .errors import as_user_error
 LOG = logging.getLogger("wideberth.experiments")
 
 EPISODE_CAPTIONS = {
-    "run_*": "Where everybody drove, with a mark every 5 s and the closest approach.",
+    "run_*": "Where all robots drove, with a mark every 5 s and the closest approach.",
     "animation_*": "The episode with the plans and the regions that they keep out of.",
 }
 """Captions of the figures that show one episode each."""

@@ -166,7 +166,7 @@ class CrowdInstant:
     end : s, the end of the recording on the robot's clock.
     path : the robot's way.
     aimed : identity of the person whom it would meet half way.
-    people : everybody who is there while the robot looks or drives.
+    people : all people who are there while the robot looks or drives.
     """
 
     start: float

@@ -27,7 +27,7 @@ SHOWN = (0.5, 0.95)
 class PredictionBenchmark(GridStudy):
     """Forecasts held against recordings of people or robots; one task per predictor and scene.
 
-    At each row of a recording a predictor is given everybody who is seen, as far back as
+    At each row of a recording a predictor is given all who are seen, as far back as
     ``protocol.observed`` rows, and the windows that are complete there are scored (see
     `Protocol`, and `wideberth.metrics.scoring` for the definitions). What can be fitted
     is
@@ -226,7 +226,7 @@ class PredictionBenchmark(GridStudy):
         return summarised(rows)
 
     def pictures(self, result: Result) -> Pictures:
-        """Draw calibration, coverage and error per step, and two forecasts of everybody."""
+        """Draw calibration, coverage and error per step, and two forecasts of each predictor."""
         rows = primary_rows(result.rows)
         files = {
             (str(predictor), str(scene)): json.loads(result.read(f"{scene}/{predictor}.json"))

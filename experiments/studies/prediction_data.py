@@ -210,7 +210,7 @@ def longest_stretch(recording: Recording) -> int:
 
 
 def usual_speed(recordings: Sequence[Recording]) -> float:
-    """Median speed, m/s, of those who do not stand; NaN if everybody always does.
+    """Median speed, m/s, of those who do not stand; NaN if all always do.
 
     To stand is to be slower than `STOOD`. In recordings of slow robots it is to be slower than a
     fifth of the speed that one sample in a hundred exceeds.

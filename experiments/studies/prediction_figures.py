@@ -171,7 +171,7 @@ def _area(names: list[str], rows: list[Row]) -> "Figure":
 
 
 def _error(names: list[str], rows: list[Row]) -> "Figure":
-    """Draw the mean error against the time ahead, over everybody else's in grey."""
+    """Draw the mean error against the time ahead, over those of all others in grey."""
     figure, panels = _panels(names, ("time ahead (s)", "mean error (m)"))
     curves = {name: _mean(rows, name, "error_m") for name in names}
     several = "mean of scenes" if len(group(rows, "scene")) > 1 else "this predictor"
@@ -196,7 +196,7 @@ def _error(names: list[str], rows: list[Row]) -> "Figure":
 
 
 def _samples(samples: Mapping[str, dict[str, Any]], scene: str) -> "Figure":
-    """Draw everybody's forecast of one window."""
+    """Draw the forecast of each predictor in one window."""
     from matplotlib.collections import PolyCollection
 
     figure, panels = _panels(list(samples), ("x (m)", "y (m)"))

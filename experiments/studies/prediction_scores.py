@@ -100,7 +100,7 @@ def run_along(
 ) -> tuple[Scores, Effort, list[dict[str, Any]]]:
     """Let a predictor forecast every window of some recordings.
 
-    It is given everybody seen at a row, so that it may look at neighbours, and nothing of
+    It is given all people seen at a row, so that it may look at neighbours, and nothing of
     the robot or the future. One that adapts starts anew with each recording, and is shown
     every row before it forecasts there.
 

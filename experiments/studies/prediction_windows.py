@@ -39,7 +39,7 @@ class Protocol:
 
     Parameters
     ----------
-    observed : rows that a predictor is given, with everybody who is seen at the newest one.
+    observed : rows that a predictor is given, with all people who are seen at the newest one.
     predicted : rows ahead.
     windows : "full" or "schoeller".
     stride : every so many rows a forecast is scored. Predictors that adapt see every row.
@@ -107,7 +107,7 @@ class ForecastInstant:
     Attributes
     ----------
     row : in the recording.
-    tracks : everybody seen at this row, and the ``observed`` rows up to it.
+    tracks : of all people seen at this row, and the ``observed`` rows up to it.
     scored : indices into the tracks of those who are scored.
     truth : (K, predicted, D), m, what the scored ones then did; NaN after the first sample
         missing.

@@ -56,7 +56,7 @@ class Replay(SeededStudy):
     Faster people who come from behind are among the first kind.
 
     A recording holds neither walls nor people outside the camera's view, so that the robot may
-    drive where a person could not. When the recording ends everybody is gone; ``outlasted``
+    drive where a person could not. When the recording ends all people are gone; ``outlasted``
     says that the episode went on beyond it. Tracks too short to be usable are obstacles
     all the same, but the robot is never aimed at them.
 

@@ -1,4 +1,4 @@
-"""Everybody sees what a local costmap shows: a world, and a controller that is watched."""
+"""All robots see what a local costmap shows: a world, and a controller that is watched."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -42,7 +42,7 @@ class SameView(World):
     """Robots exchange positions, but each learns only of whom its local costmap would show.
 
     A disc is seen where a ray of the view's LiDAR meets it, within the range at which it is
-    marked and within the costmap's window; an exact view shows everybody. What stands still is a
+    marked and within the costmap's window; an exact view shows all. What stands still is a
     known map for all.
 
     Parameters
@@ -77,7 +77,7 @@ class SameView(World):
     def observe(
         self, driver: Driver, time: float, tick: int, state: Array, around: Around
     ) -> Observation:
-        """Return what is in sight; people see everybody."""
+        """Return what is in sight; people see all."""
         seen = self._positions.observe(driver, time, tick, state, around)
         if driver.agent.person:
             return seen

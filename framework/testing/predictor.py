@@ -240,7 +240,7 @@ class _Giant(_World):
     def check_apart(self) -> None:
         """Check that an obstacle of absurd numbers leaves the other forecasts as they were."""
         tracks, forecast = self.tracks, self.forecast
-        if ABSURD not in tracks.ids or tracks.radius[-1] > 1.0:  # a giant is in everybody's way
+        if ABSURD not in tracks.ids or tracks.radius[-1] > 1.0:  # a giant is in the way of all
             return
         rest = tracks.select(list(range(len(tracks) - 1)))
         alone = _predict(self.predictor, rest, None, self.where)

@@ -73,7 +73,7 @@ class BestResponsePlanner:
 
     Parameters
     ----------
-    settings : of the planner that everybody is taken to run. Its robot moves in the plane.
+    settings : of the planner that all agents are taken to run. Its robot moves in the plane.
     """
 
     def __init__(self, settings: PlannerSettings) -> None:

@@ -135,7 +135,7 @@ class SocialWalkers:
     position, velocity : (O, 2), m and m/s, now.
     radius : (O,), m.
     known : (O,), False where nothing is known: neither pushes nor is pushed.
-    goals : (O, 2), m, or None: everybody wants to go on as now.
+    goals : (O, 2), m, or None: all want to go on as now.
     """
 
     position: Array
@@ -269,13 +269,13 @@ def _meeting(
     room = np.add.outer(radius + fastest + astray, radius + fastest) + FAR * force.reach
     near = _length(place[0][:, None] - place[0]) < room
     np.fill_diagonal(near, val=False)
-    radius, everybody = walkers.radius, known
+    radius, others = walkers.radius, known
     if robot is not None:
         near = np.concatenate([near, np.ones((len(known), 1), dtype=np.bool_)], axis=1)
         radius = np.append(radius, robot.radius)
-        everybody = np.append(known, len(walkers.radius))
+        others = np.append(known, len(walkers.radius))
     row, column = np.nonzero(near)
-    walker, neighbour = known[row], everybody[column]
+    walker, neighbour = known[row], others[column]
     return _Pairs(walker, neighbour, radius[walker] + radius[neighbour])
 
 

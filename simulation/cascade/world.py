@@ -114,7 +114,7 @@ class WheeledPlant(Plant):
 class WheeledWorld(World):
     """Robots that perceive one another with sensors and drive on wheels.
 
-    Robots are bodies of a physical world; people who decide, and everybody else, are cylinders
+    Robots are bodies of a physical world; people who decide, and all others, are cylinders
     in it that go where they go. All happens at the instants of the smoother's step: a decision
     that is due between two of them is taken at the second. At time 0 robots stand, and have stood
     for the cascade's ``rest``; no one has seen them come.
@@ -310,7 +310,7 @@ class WheeledWorld(World):
         plants: Sequence[Plant],
         others: Sequence[Bystander],
     ) -> list[TrueBody]:
-        """Return where everybody is at the end of a step."""
+        """Return where all bodies are at the end of a step."""
         found = []
         for agent, plant in zip(agents, plants, strict=True):
             pose = agent.robot.pose(plant.state)

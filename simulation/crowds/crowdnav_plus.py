@@ -299,7 +299,7 @@ class CrowdNavPlusCrowd(Crowd):
 class _Minds:
     """ORCA of all people, with the simulators that each keeps in the original.
 
-    There, everybody has a simulator of their own from their first decision on; the radii that
+    There, each agent has a simulator of its own from its first decision on; the radii that
     it holds of the others and its neighbour distance stay as they were then, also when others
     are replaced. All who made theirs at the same instant hold the same, and here they share it.
 
@@ -330,7 +330,7 @@ class _Minds:
         self._without = set()
 
     def decide(self, places: Array, velocities: Array, goals: Array, speeds: Array) -> Array:
-        """Return everybody's next velocity, (20, 2), m/s."""
+        """Return the next velocity of each agent, (20, 2), m/s."""
         wanted = towards(goals - places)
         found = np.empty((PEOPLE, 2))
         for world, members in self._shared:

@@ -47,7 +47,7 @@ class Foresight(Mapping[str, Array]):
         return self._found[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Name everybody."""
+        """Name all agents."""
         return iter(self._known)
 
     def __len__(self) -> int:

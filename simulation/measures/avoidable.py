@@ -53,7 +53,7 @@ def avoidable(
     """Say whether the first contact could have been avoided 2 s and 1 s before; two columns each.
 
     ``avoidable_2s``: from the robot's first decision in the last 2 s before the contact on, one of
-    many control sequences keeps it clear of everybody and of every wall until 2 s after the
+    many control sequences keeps it clear of all others and of every wall until 2 s after the
     contact, while all others move as they did. ``avoidable_2s_reacting``: one of the `BEST`
     sequences with the most room does so while the others decide for themselves, as they would have
     done. Others move on after the contact, also where it ended the episode.

@@ -29,7 +29,7 @@ def check_scenario(
     """Check every law of `wideberth.simulation.scenarios.base.Scenario`.
 
     The same seed gives the same cast, and the same generator state the same parts of it; other
-    seeds give other situations. Everything is finite, names are unique, everybody moves in the
+    seeds give other situations. Everything is finite, names are unique, all move in the
     same number of dimensions, phases lie in [0, 1), reference speeds are known. At time 0 no
     agent overlaps another one or a polygon (only bystanders may overlap each other: recordings and
     random processes do), and no robot's goal lies in a polygon.

@@ -151,8 +151,8 @@ class CrowdNav(Scenario):
     [-1/2, 1/2] v_pref per axis, and wants to the point opposite; in the ``square``, on one side
     of the y axis, and wants to the other. ``mixed`` is either up to five who stand in a field of
     4 m x 8 m, or up to five who walk, two as in the circle and the others as in the square.
-    Starts and goals that come nearer than `ROOM` to those before are drawn again. Everybody
-    stands at time 0.
+    Starts and goals that come nearer than `ROOM` to those before are drawn again. All
+    stand at time 0.
 
     Case k draws from MT19937 seeded with 1000 + k (``test``; 500 cases are usual) or k
     (``validation``), in the order of the original, so that the cases are the same ones.

@@ -26,7 +26,7 @@ PERSONS = 3
 PERSON_RADIUS = 0.3
 """m, of a person."""
 PERSON_SPEED = 1.0
-"""m/s, at which everybody wants to walk."""
+"""m/s, at which all people want to walk."""
 CIRCLE_RADIUS = 1.5
 """R, m."""
 WIDTH, HEIGHT = 2.0, 4.0
@@ -64,7 +64,7 @@ class Hallway(Scenario):
 
     Notes
     -----
-    `CrowdSimPlus` has the original's rules. Departures here: everybody wants to walk at
+    `CrowdSimPlus` has the original's rules. Departures here: all people want to walk at
     `PERSON_SPEED` (there, by default, at a speed drawn from 0.5 to 1.5 m/s, which changes the
     draws that follow); people go on from the head start with a new controller, at the speed that
     they had towards their goal, and from an earlier instant where a person would begin in contact;

@@ -194,7 +194,7 @@ class PedestrianCorridor(Scenario):
         (there 0, 4, 8 or 12) and 16 in ``16_random``.
     robot_radius : m, of the robot that there is room for.
     respawn : whether who has arrived comes anew from the start, see `RobotAgent`.
-    process_noise : m/s per axis: at each of 20 updates a second everybody is moved by the noise
+    process_noise : m/s per axis: at each of 20 updates a second all people are moved by the noise
         of this standard deviation as well, see `Swaying`. There 0, 0.3 ("Safe-Horizon") or 0.8
         ("excessive").
 

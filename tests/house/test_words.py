@@ -12,9 +12,11 @@ import pytest
 
 from wideberth.tests.house.test_imports import ROOMS, ROOT
 
-WORDS = frozenset({"told", "hear", "heard", "tells", "somebody", "nobody", "whoever"})
+WORDS = frozenset({"told", "hear", "heard", "tells", "somebody", "nobody", "everybody", "whoever"})
 """A sentence without them says who does what."""
-QUOTATIONS = (("CONTRIBUTING.md", "told, hear, heard, tells, somebody, nobody, whoever"),)
+QUOTATIONS = (
+    ("CONTRIBUTING.md", "told, hear, heard, tells, somebody, nobody, everybody, whoever"),
+)
 """File and text: where the words are quoted."""
 FOLDERS = (*ROOMS, "docs", "benchmarks", "examples")
 KINDS = {
@@ -71,6 +73,7 @@ def test_a_quotation_is_still_there(file: str, quoted: str) -> None:
         ("use_of_heard_topics = 1", ["heard"]),
         ("isToldOf, NotHeard, HEARD_BY, JSONTells", ["Told", "Heard", "HEARD", "Tells"]),
         ('"WHOEVER": somebody\'s', ["WHOEVER", "somebody"]),
+        ("everybody_else = everybodies", ["everybody"]),
         ("foretold, untold, hearing, heart, sheared, tell, someone, nobodies", []),
     ],
 )
