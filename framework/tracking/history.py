@@ -104,11 +104,13 @@ class _Clock(NamedTuple):
         One that comes less than ``apart`` s after the last but one takes the last one's place; of
         one that does not come after the last there is None.
         """
-        count = len(times)
+        count = first = len(times)
         if count and not time > times[-1]:
             return None
         kept = count - int(count > 1 and time - times[-2] < apart)
-        first = min(int(times.searchsorted(time - keep)), kept)
+        oldest = time - keep
+        if count:  # most who came in lately have no time to leave out
+            first = 0 if times[0] >= oldest else min(int(times.searchsorted(oldest)), kept)
         later = np.empty(kept - first + 1)
         later[:-1], later[-1] = times[first:kept], time
         return cls(later, first, kept)

@@ -45,8 +45,10 @@ def interpolated(
     count = np.array([len(own) for own in times])
     first = (np.cumsum(count) - count)[:, None]
     place = np.concatenate(positions)
-    sampled = (1 - share) * place.take(first + before, axis=0)
-    sampled += share * place.take(first + after, axis=0)
+    sampled, later = (place.take(first + column, axis=0) for column in (before, after))
+    sampled *= 1 - share
+    later *= share
+    sampled += later
     if not known.all():
         sampled[~known.take(rows, axis=0)] = np.nan
     return np.asarray(sampled)

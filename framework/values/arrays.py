@@ -265,6 +265,19 @@ def assembled(kind: type[T], **values: Any) -> T:
     return made
 
 
+def altered(value: T, **changes: Any) -> T:
+    """Return a frozen value with some fields changed, without its constructor's checks.
+
+    What `dataclasses.replace` does, in a fifth of its time, for what the package changes itself;
+    what was computed from the fields, and cached, is left behind.
+    """
+    known, made = vars(value), object.__new__(type(value))
+    fields: Any = value
+    vars(made).update({name: known[name] for name in fields.__dataclass_fields__ if name in known})
+    vars(made).update(changes)
+    return made
+
+
 def settle(value: object, **fields: Any) -> None:
     """Set fields of a frozen value that is being made."""
     vars(value).update(fields)

@@ -19,7 +19,7 @@ from ...controller import checked_ready, checked_use
 from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import FORGET, Perception, scene_of
-from ...values.arrays import Array
+from ...values.arrays import Array, altered
 from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
@@ -247,7 +247,7 @@ def _remembered(
     settings: PlannerSettings, state: PlannerState, observation: Observation
 ) -> PlannerState:
     here = viewpoint(settings.robot, observation)
-    return replace(state, perception=state.perception.take(observation, here))
+    return altered(state, perception=state.perception.take(observation, here))
 
 
 def step(
@@ -312,7 +312,7 @@ def _on_course(
     reference = settings.cost.lay(
         progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
     )
-    return replace(state, progress=progress), Course(stamp, start, place, arc, reference)
+    return altered(state, progress=progress), Course(stamp, start, place, arc, reference)
 
 
 def _perceived(
@@ -347,7 +347,7 @@ def _planned(
     starts = MultiStart(services.watch, settings.starts, budget)
     outcome = starts.run(instance, first, state.obstacle_in_way)
     plan, point = choose(settings.fallback.ladder, LadderInput(instance, outcome), course.stamp)
-    plan = replace(
+    plan = altered(
         without_progress(robot, plan),
         reason=joined(plan.reason, outcome.note, instance.note),
         forecast=frame.forecast,
@@ -356,7 +356,7 @@ def _planned(
     ends = tuple(one.message for one in outcome.solutions)
     solved = Solved(instance, outcome.guesses, point, plan, budget.spent(), ends)
     command, note = _limited(robot, command_of_plan(robot, plan))
-    state = replace(
+    state = altered(
         state,
         plan=plan,
         multipliers=KeptMultipliers.of(point, instance.around.chosen),
@@ -528,7 +528,7 @@ def _warm(
     share = (stamp - plan.stamp) / settings.dt
     if not 0.0 <= share <= WARM_WITHIN:
         return first
-    return replace(first, level=kept.level, multipliers=kept.at(share, parameters, chosen))
+    return altered(first, level=kept.level, multipliers=kept.at(share, parameters, chosen))
 
 
 def _own(

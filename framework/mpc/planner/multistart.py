@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...values.arrays import FARTHEST
+from ...values.arrays import FARTHEST, altered
 from ...values.plan import Status
 from ..ocp.transcription import Guess
 from ..solver import Solution, enters, pressed
@@ -269,7 +269,7 @@ def _in_the_way(
     points = [bare, aimed] if problem.shared else [bare]
     into_regions = entered(problem, parameters, suited_each(instance, points))
     if problem.shared:
-        solved = replace(solved, as_aimed=into_regions[1])
+        solved = altered(solved, as_aimed=into_regions[1])
     if into_regions[0].max(initial=0.0) > 0.0:
         return True, solved
     return problem.shared and solved.point.level < parameters.target - 1e-3, solved

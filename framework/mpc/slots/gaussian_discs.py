@@ -1,6 +1,6 @@
 """Gaussian discs: obstacles of a forecast, each a disc around an uncertain place."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple, final
@@ -96,17 +96,10 @@ class ObstacleSet:
         """Count the discs."""
         return len(self.ids)
 
-    def some(self, which: NDArray[np.intp]) -> "ObstacleSet":
-        """Return some of the discs, by their indices."""
-        kept = tuple(self.ids[i] for i in which)
-        return ObstacleSet(
-            self.mean[:, which], self.covariance[:, which], self.radius[which], kept
-        )
-
 
 def choose_obstacles(
     discs: ObstacleSet, route: Array, most: int, far: BoolArray | None = None
-) -> ObstacleSet:
+) -> tuple[ObstacleSet, NDArray[np.intp]]:
     """Keep the discs that come closest to the route, at most ``most`` of them.
 
     Parameters
@@ -116,24 +109,32 @@ def choose_obstacles(
         where it is now).
     most : how many discs the problem can hold.
     far : (O,), which ones are out of reach, and need no room in it; None for none.
+
+    Returns
+    -------
+    The discs that are kept, and their indices; the same discs where these are all.
     """
-    if len(discs) <= most and (far is None or not far.any()):
-        return discs
     beyond = np.zeros(len(discs), dtype=np.bool_) if far is None else far
     kept = near = np.flatnonzero(~beyond)
     if len(near) > most:
         apart = lengths(discs.mean[:, near] - route[:, :, None])
         clearance = apart.min(axis=(0, 1)) - discs.radius[near]
         kept = np.sort(near[np.argsort(clearance, kind="stable")[:most]])
+    if len(kept) == len(discs):
+        return discs, kept
     counted = beyond.copy()
     counted[kept] = True
     pairs = list(zip(discs.ids, counted.tolist(), strict=True))
-    return replace(
-        discs.some(kept),
+    chosen = ObstacleSet(
+        discs.mean[:, kept],
+        discs.covariance[:, kept],
+        discs.radius[kept],
+        tuple(discs.ids[i] for i in kept.tolist()),
         left_out=(*discs.left_out, *(name for name, held in pairs if not held)),
-        out_of_reach=tuple(discs.ids[i] for i in np.flatnonzero(beyond)),
+        out_of_reach=tuple(discs.ids[i] for i in np.flatnonzero(beyond).tolist()),
         counted=tuple(name for name, held in pairs if held),
     )
+    return chosen, kept
 
 
 def fill(
@@ -257,6 +258,11 @@ class DiscNumbers(NamedTuple):
         numbers = within_scales(obstacles, reference, radius, own)
         return cls(*numbers, *_levels(level, kind.region, obstacles))
 
+    def some(self, which: NDArray[np.intp], level: Array, places: dict[str, int]) -> "DiscNumbers":
+        """Return those of some of the discs, by their indices, at levels of their own."""
+        kept = self.mean[:, which], self.covariance[:, which], self.margin[which]
+        return DiscNumbers(*kept, level, places)
+
     def levels(self, ids: tuple[str, ...], count: int) -> Array:
         """Levels of discs by their names, and of empty slots up to ``count``, (N, count)."""
         columns = [self.places[name] for name in ids] + [0] * (count - len(ids))
@@ -340,9 +346,9 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         discs = ObstacleSet.of(view.forecast, view.tracks.ids, view.tracks.radius)
         numbers = DiscNumbers.of(self, robot, discs, *given)
         far = self.out_of_reach(robot, discs, numbers, view)
-        chosen = choose_obstacles(discs, view.route, view.most, far)
+        chosen, kept = choose_obstacles(discs, view.route, view.most, far)
         if chosen is not discs:
-            numbers = DiscNumbers.of(self, robot, chosen, *given)
+            numbers = numbers.some(kept, *_levels(view.level, self.region, chosen))
         return self._assigned(chosen, numbers, view.margin)
 
     def out_of_reach(

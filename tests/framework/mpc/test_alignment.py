@@ -207,7 +207,7 @@ def test_obstacles_are_chosen_by_where_they_are_when_the_robot_is_near() -> None
     late = np.stack([np.full(STEPS, 0.5), 1.5 * (6.0 - STEP)], axis=-1)
     forecast = Forecast.single(np.stack([late, meets]), np.tile(np.eye(2), (2, STEPS, 1, 1)), DT)
     discs = ObstacleSet.of(forecast, ("late", "meets"), np.zeros(2))
-    found = choose_obstacles(discs, route[None], 1)
+    found, _ = choose_obstacles(discs, route[None], 1)
     assert found.ids == ("meets",) and found.left_out == ("late",)
     np.testing.assert_array_equal(found.mean[:, 0], meets)
 

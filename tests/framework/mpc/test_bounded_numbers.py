@@ -120,12 +120,12 @@ def test_the_discs_that_come_closest_to_the_route_are_kept() -> None:
     for most, kept, gone in (
         (9, "aabcd", ""), (4, "abcd", "a"), (3, "abd", "ac"), (2, "bd", "aac"), (0, "", "aabcd"),
     ):  # fmt: skip
-        found = choose_obstacles(ObstacleSet.of(forecast, names, radius), route, most)
+        found, _ = choose_obstacles(ObstacleSet.of(forecast, names, radius), route, most)
         assert "".join(found.ids) == kept and found.left_out[:2] == ("c", "d")
         assert sorted(found.left_out[2:]) == sorted(gone)
         owner = [names.index(name) for name in found.ids]
         np.testing.assert_array_equal(found.radius, radius[owner])
         assert found.mean.shape == (3, len(kept), 2)
-    two = choose_obstacles(ObstacleSet.of(forecast, names, radius), route, 3)
+    two, _ = choose_obstacles(ObstacleSet.of(forecast, names, radius), route, 3)
     np.testing.assert_array_equal(two.mean[:, 0], mean[0, 1])
     np.testing.assert_array_equal(two.covariance[:, 2], spread[3, 0])
