@@ -154,20 +154,20 @@ class Detection:
         if not isinstance(self.ident, str):
             raise WideberthError(f"detection.ident is {self.ident!r}; wanted a str")
         position = checked("detection.position", self.position, (None,), finite=False)
-        flaw = ""
-        if self.covariance is not None:
-            covariance, flaw = _covariance("covariance", self.covariance, len(position))
-            settle(self, covariance=covariance)
-        if self.velocity is not None or self.state_covariance is not None:
-            flaw = flaw or self._check_state(len(position))
+        covariance, flaw = self.covariance, ""
+        if covariance is not None:
+            covariance, flaw = _covariance("covariance", covariance, len(position))
         if not isinstance(self.sensor, str):
             raise WideberthError(f"detection.sensor is {self.sensor!r}; wanted a str")
         radius, age = number("detection.radius", self.radius), number("detection.age", self.age)
+        if self.velocity is not None or self.state_covariance is not None:
+            flaw = flaw or self._check_state(len(position))
         if not (0.0 <= radius < inf and 0.0 <= age < inf):
             flaw = flaw or (f"age is {age:g}" if 0.0 <= radius < inf else f"radius is {radius:g}")
         if not all_finite(position):
             flaw = f"position is {position.tolist()}"
-        settle(self, position=position, radius=radius, age=age, flaw=flaw)
+        # Once for all: a value whose fields were settled is read more slowly.
+        settle(self, position=position, covariance=covariance, radius=radius, age=age, flaw=flaw)
 
     def _check_state(self, size: int) -> str:
         """Convert the tracker's velocity and covariance; return what makes them useless."""
