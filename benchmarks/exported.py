@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from measuring import Row, Tick
 
-from wideberth.tests.helpers.exported import (
+from wideberth.benchmarks.exported_folder import (
     COMPILER,
     Folder,
     exported,

@@ -11,6 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.exported_folder import (
+    COMPILER,
+    PROGRAMS,
+    ROOT,
+    STRICT,
+    Folder,
+    exported,
+    fits,
+    of_instances,
+    on_disk,
+    run,
+)
 from wideberth.experiments.cli.export import export
 from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference
 from wideberth.framework.mpc.planner.rollout import follow, shift
@@ -24,18 +36,6 @@ from wideberth.solvers.export.solver.files import bundle, has_example
 from wideberth.solvers.export.solver.native import machine
 from wideberth.solvers.export.solver.needs import memory, stack
 from wideberth.solvers.riccati import objects
-from wideberth.tests.helpers.exported import (
-    COMPILER,
-    PROGRAMS,
-    ROOT,
-    STRICT,
-    Folder,
-    exported,
-    fits,
-    of_instances,
-    on_disk,
-    run,
-)
 
 CPP = shutil.which("c++")
 

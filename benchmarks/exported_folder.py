@@ -11,10 +11,12 @@ import numpy as np
 
 from wideberth.benchmarks.recorded_instances import read_instances
 from wideberth.experiments.cli.export import solver, subject
+from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
@@ -30,9 +32,8 @@ from wideberth.solvers.export.solver.needs import ExportedSolver
 from wideberth.solvers.export.subject import Subject
 from wideberth.solvers.riccati import objects
 from wideberth.solvers.riccati.solver import Riccati
-from wideberth.tests.helpers.problems import assemble, kinds
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 PROGRAMS = ROOT / "tests" / "data" / "c"
 SAMPLE = ROOT / "tests" / "data" / "mpc_instances.npz"
 COMPILER = shutil.which("cc")
@@ -41,6 +42,7 @@ STATUS = (Status.SOLVED, Status.LIMIT, Status.INFEASIBLE, Status.FAILED, Status.
 
 
 def fits() -> bool:
+    """Whether object code of the solver fits this processor."""
     try:
         return bool(objects.fitting())
     except WideberthError:
@@ -48,6 +50,7 @@ def fits() -> bool:
 
 
 def planner(**settings: Any) -> Any:
+    """Build a planner that can be exported; ``settings`` replace those of its config."""
     config = {
         "type": "mpc", "robot": "unicycle", "region": "mahalanobis_ellipse", "margin": 0.1,
         "predictor": "constant_velocity", "solver": "riccati", "history": 6, "penalty": 1e4,
@@ -59,6 +62,7 @@ def planner(**settings: Any) -> Any:
 def exported(
     target: str = "native", room: tuple[int, int, int] = (5, 0, 4), **settings: Any
 ) -> ExportedSolver:
+    """Export such a planner's solver with room for so many discs, polygons and corners."""
     one = planner(**settings)
     return solver(one, subject(one, room, "test, planner"), machine(target))
 
@@ -73,10 +77,12 @@ class Folder:
 
     @property
     def problem(self) -> Problem:
+        """The problem that it solves."""
         return self.solver.native.subject.problem
 
     @property
     def given(self) -> "np.dtype[Any]":
+        """The structure of a problem."""
         problem = self.problem
         steps, n, m, size = problem.horizon, problem.states, problem.inputs, problem.dimension
         fields: list[Any] = [
@@ -97,6 +103,7 @@ class Folder:
 
     @property
     def result(self) -> "np.dtype[Any]":
+        """The structure of a result."""
         problem = self.problem
         steps = problem.horizon
         fields: list[Any] = [
@@ -111,7 +118,7 @@ class Folder:
         return np.dtype(fields)
 
     def instance(self, row: Any) -> tuple[Parameters, Guess]:
-        """What Python solves instead of a problem in C."""
+        """Return what Python solves instead of a problem in C."""
         steps, slots, own = self.problem.horizon, [], []
         for k, one in enumerate(self.problem.slots):
             none = np.zeros((steps, one.count, 0))
@@ -129,6 +136,7 @@ class Folder:
         return parameters, replace(first, auxiliaries=tuple(own))
 
     def written(self, parameters: Parameters, guess: Guess) -> Any:
+        """Return the problem in C for what Python solves."""
         row = np.zeros((), dtype=self.given)
         row["build"] = self.solver.native.build
         row["initial"], row["reference"] = parameters.initial, parameters.reference
@@ -172,6 +180,7 @@ class Folder:
         return found["result"], found["violation"], [float(line) for line in done.stdout.split()]
 
     def by_python(self, row: Any) -> Solution:
+        """Solve a problem in Python."""
         parameters, guess = self.instance(row)
         settings = self.solver.settings
         return settings.solve(self.problem, parameters, [guess])[0]
@@ -195,6 +204,7 @@ class Folder:
 
 
 def run(program: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    """Run a program in its folder."""
     return subprocess.run(
         [str(program), *words], cwd=program.parent, capture_output=True, text=True, check=False,
         timeout=120,
@@ -202,19 +212,21 @@ def run(program: Path, *words: str) -> "subprocess.CompletedProcess[str]":
 
 
 def on_disk(one: ExportedSolver, place: Path) -> Folder:
+    """Write an export."""
     write_folder(place, bundle(one), force=False)
     return Folder(one, place)
 
 
 def of_instances(count: int, place: Path) -> tuple[Folder, list[Any]]:
-    """Export the recorded problem with so many obstacles; its instances."""
+    """Export the recorded problem with so many obstacles; return it and its instances."""
     robot, region = Unicycle(), MahalanobisEllipse()
+    kinds = (GaussianDiscs(region),)
     policy = Paper(tail=float(np.exp(-5.991 / 2)))
-    problem = assemble(robot, region, policy, horizon=15, dt=0.5, capacity=count)
+    problem = assemble(robot, kinds, policy, horizon=15, dt=0.5, rooms=[(count,)])
     some = [one for one in read_instances(SAMPLE, region) if one.obstacles == count]
     first = some[0]
     what = Subject(
-        problem, first.parameters, first.guess, robot, kinds(region), Tracking(), {}, "recorded"
+        problem, first.parameters, first.guess, robot, kinds, Tracking(), {}, "recorded"
     )
     native = Native(what, machine("native"), 0.0)
     taken = needs(problem, first.parameters, first.guess, Riccati())
