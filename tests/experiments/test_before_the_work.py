@@ -169,7 +169,7 @@ def test_a_plug_in_that_fails_before_the_work(where: str, tmp_path: Path) -> Non
         ("exit in measure", r"task 'second': SystemExit: 3.*; 1 of 2 tasks are done and kept"),
         ("summary", r"ZeroDivisionError: rude in summary.*; 2 of 2 tasks are done and kept"),
         ("cell", r"task 'first': column 'one' holds object"),
-        ("rows", r"task 'first': measure returned \[\{'one': 1\}\]; wanted Outcome\(rows="),
+        ("rows", r"task 'first': measure returned \[\{'one': 1\}\]; wanted TaskOutcome\(rows="),
     ],
 )
 def test_a_plug_in_that_fails_at_work(where: str, message: str, tmp_path: Path) -> None:

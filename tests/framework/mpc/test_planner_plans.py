@@ -137,7 +137,7 @@ def test_a_plan_tells_when_it_is_below_its_reference() -> None:
     [
         ({"horizon": 0}, "planner.horizon is 0"),
         ({"horizon": 1001}, "planner.horizon"),
-        ({"track_dt": 1e-3}, r"steps of the forecast.* is 13500"),
+        ({"track_dt": 1e-3}, r"steps of the forecast, \(2 \* 3 s \+ latency.* is 13500"),
         ({"robot": Holonomic3D(), "static_region": Dual()}, "polygons lie in the plane"),
         ({"dt": -0.5}, "planner.dt is -0.5"),
         ({"latency": -0.1}, "planner.latency"),
