@@ -91,7 +91,7 @@ def test_the_recommended_command_runs(
     code, said = run(capsys, given, "--out", "my config.yaml")
     assert code == 0
     with pytest.raises(SystemExit) as stop:
-        main([*recommended(said), "--quick", "--set", "settings.time_limit=4.0"])
+        main([*recommended(said), "--quick", "--set", "settings.time_limit=1.0"])
     assert not stop.value.code, capsys.readouterr().err
     (table,) = tmp_path.rglob("table.csv")
     assert len(table.read_text().splitlines()) == 3  # a head and a row for each of both

@@ -20,7 +20,8 @@ from wideberth.experiments.engine.runner import run
 from wideberth.framework.values.errors import WideberthError
 
 HERE = Path(__file__).parents[1] / "helpers"
-YAML = "type: sample_plugin:Coins\nseeds: 200\npause: 0.02\n"
+SEEDS, PAUSE = 80, 0.04
+YAML = f"type: sample_plugin:Coins\nseeds: {SEEDS}\npause: {PAUSE}\n"
 
 
 @pytest.fixture(autouse=True)
@@ -76,7 +77,7 @@ def test_drivers_and_a_worker_killed_at_any_moment_end_with_the_same_table(
     _, error = last.communicate(timeout=60)
     assert last.returncode == 0, error
     assert "is done again: its worker was ended by SIGKILL" in error
-    run(sweeps.coins(seeds=200, pause=0.02), tmp_path / "whole")
+    run(sweeps.coins(seeds=SEEDS, pause=PAUSE), tmp_path / "whole")
     assert sweeps.contents(out) == sweeps.contents(tmp_path / "whole"), f"seed {seed}"
 
 
@@ -224,7 +225,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path: Path, sweeps: ModuleType) -> N
     sweeps.wait_until(lambda: finished(tmp_path / "r"), "a task")
     for fresh in (False, True):
         with pytest.raises(WideberthError, match=r"another run is at work in .*--out"):
-            run(sweeps.coins(seeds=200, pause=0.02), tmp_path / "r", fresh=fresh)
+            run(sweeps.coins(seeds=SEEDS, pause=PAUSE), tmp_path / "r", fresh=fresh)
     made.kill()
     made.communicate()
-    assert len(run(sweeps.coins(seeds=200, pause=0.02), tmp_path / "r").rows) == 200
+    assert len(run(sweeps.coins(seeds=SEEDS, pause=PAUSE), tmp_path / "r").rows) == SEEDS

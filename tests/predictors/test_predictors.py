@@ -1,6 +1,7 @@
 """Static, constant velocity, Kalman and oracle, and the laws of all predictors."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.stats import chi2
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.testing.predictor import check_predictor
+from wideberth.framework.testing.predictor_cases import draw_recordings
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Truth
@@ -42,10 +44,19 @@ def line(samples, velocity=(0.5, -0.2), offset=(3.0, 1.0)):
 TRAINED_ELSEWHERE = ("MixtureDensity", "SingleGaussian")
 """Trainings are long; test_predictors_mixture* fit these once and hold the copies to the laws."""
 
+SLOW_FITS = ("BayesianVectorAutoregression", "Corrected", "FallbackChain")
+
+
+@cache
+def few_people():
+    """Half of the people whom the check draws by default."""
+    return [one.select(range(6)) for one in draw_recordings(2, np.random.default_rng(0))]
+
 
 def built_in_laws(predictor):
-    trains = type(predictor).__name__ in TRAINED_ELSEWHERE
-    return check_predictor.laws(predictor, dataset=() if trains else None)
+    name = type(predictor).__name__
+    known = {**dict.fromkeys(TRAINED_ELSEWHERE, ()), **dict.fromkeys(SLOW_FITS, few_people())}
+    return check_predictor.laws(predictor, dataset=known.get(name))
 
 
 CONTRACT = Contract({name: load("predictors", name) for name in BUILT_IN}, built_in_laws)

@@ -14,7 +14,6 @@ from wideberth.framework.risk.level_for_risk import level_for_risk
 from wideberth.framework.testing.region_cases import RegionCase, sphere
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.tests.helpers.region_variants import draw_cases, variants
-from wideberth.tests.oracles.risk_batch import collision_probability_batch
 
 KINDS = [registry.load("regions", name) for name in registry.names("regions")]
 ALL = [(one, size) for kind in KINDS for one in variants(kind) for size in one.dimensions]
@@ -40,7 +39,7 @@ def boundary_risk(case: RegionCase, rng: np.random.Generator, asked: Any) -> Any
     """
     rays = case.rays(sphere(rng, len(case.mean), case.size))
     offset = case.reach(rays)[1][:, None] * rays
-    return collision_probability_batch(offset, case.covariance, case.margin) / asked
+    return collision_probability(offset, case.covariance, case.margin) / asked
 
 
 def nested(place: Any, deviations: Any, radius: Any) -> Any:

@@ -78,8 +78,16 @@ SPEEDS = [pytest.param(0.3, marks=pytest.mark.slow), 0.5, 1.0,
           pytest.param(1.5, marks=pytest.mark.slow)]  # fmt: skip
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
-@pytest.mark.parametrize("name", names("robots"))
+QUICK = {"bicycle": 1.0, "differential_drive": 0.5, "holonomic": 0.5, "holonomic_velocity": 1.0}
+"""Speed at which a robot is tried each time; at the others in the slow tests."""
+ROBOTS = [
+    pytest.param(name, speed, marks=(
+        () if speed in (QUICK.get(name, 0.5), QUICK.get(name, 1.0)) else pytest.mark.slow))
+    for name in names("robots") for speed in (0.3, 0.5, 1.0, 1.5)
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "speed"), ROBOTS)
 def test_the_recommended_planner_stands_at_the_end(name: str, speed: float) -> None:
     check(drive(recommended(name, speed, quiet=True)))
 

@@ -21,7 +21,7 @@ SHORT: dict[str, Fittable] = {
     "single_gaussian": SingleGaussian(MixtureDensity(rounds=1)),
 }
 """A network trained for a moment has as many numbers as any other."""
-FEW = {"coordinated_turn": 3, "imm": 3}
+FEW = {"bayesian_var": 6, "cascade": 12, "coordinated_turn": 3, "imm": 3}
 """People per recording for those whose fit is a long search."""
 
 

@@ -15,7 +15,7 @@ from wideberth.metrics import plan as metrics_plan
 from wideberth.metrics import scoring
 from wideberth.regions.box import box_content
 from wideberth.regions.static.packing import pack
-from wideberth.tests.oracles import risk_batch, risk_bounds
+from wideberth.tests.oracles import risk_bounds
 
 Asked = Callable[[np.ndarray], object]
 
@@ -32,18 +32,12 @@ def one(covariance: np.ndarray) -> np.ndarray:
 
 TAKERS: dict[str, Asked] = {
     "probability": lambda s: risk.collision_probability(APART, s, 1.0),
-    "gradient": lambda s: risk_batch.collision_probability_gradient(APART, s, 1.0),
     "half_plane_level": lambda s: risk_bounds.half_plane_level(APART, s, 1.0),
     "half_plane_bound": lambda s: risk_bounds.half_plane_bound(APART, s, 1.0),
     "centre_point_value": lambda s: risk_bounds.centre_point_value(APART, s, 1.0),
     "highest_density_bound": lambda s: risk_bounds.highest_density_bound(APART, s, 1.0),
     "centre_line_bound": lambda s: risk_bounds.centre_line_bound(APART, s, 1.0),
     "box_bound": lambda s: risk_bounds.box_bound(APART, s, 1.0),
-    "batch": lambda s: risk_batch.collision_probability_batch(APART, s, 1.0),
-    "gradient_batch": lambda s: risk_batch.collision_probability_gradient_batch(APART, s, 1.0),
-    "sampled": lambda s: risk_batch.sampled_collision_probability(
-        APART, s, 1.0, np.random.default_rng(0), 10
-    ),
     "squared_mahalanobis": lambda s: metrics.squared_mahalanobis(APART, s, APART),
     "inside_content": lambda s: metrics.inside_content(APART, s, APART, 0.05),
     "coverage": lambda s: metrics.coverage(POINT, np.asarray(s)[None, None], POINT, 0.05),
