@@ -3,8 +3,10 @@
     python benchmarks/beside.py ../old/wideberth
 
 Each checkout decides in a process of its own, with its own virtual environment, what
-`decision.Drive` of its own benchmarks asks: a few decisions here, as many there, and so on, so
-that both meet the same load of the machine. Times are processor time of the process.
+`decision.Drive` of its own benchmarks asks: some decisions here, as many there, and so on, so
+that both meet the same load of the machine. Both decide on one core: those of a shared machine are
+seldom equally fast. Times are processor time of the process. The first decisions of a turn find
+the processor's caches filled by the other checkout.
 """
 
 import argparse
@@ -19,8 +21,6 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parents[1]
 SEEN = (5, 40)
-AT_ONCE = 5
-"""Decisions of one checkout before it is the other one's turn."""
 
 
 def main() -> int:
@@ -29,15 +29,17 @@ def main() -> int:
     parser.add_argument("other", type=Path)
     parser.add_argument("--drives", type=int, default=3)
     parser.add_argument("--turns", type=int, default=30)
+    parser.add_argument("--at-once", type=int, default=5, help="decisions of a turn")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.serve:
         return serve(asked.other)
-    same = [compared(asked.other.resolve(), seen, asked.drives, asked.turns) for seen in SEEN]
+    size = asked.drives, asked.turns, asked.at_once
+    same = [compared(asked.other.resolve(), seen, *size) for seen in SEEN]
     return int(not all(same))
 
 
-def compared(other: Path, seen: int, drives: int, turns: int) -> bool:
+def compared(other: Path, seen: int, drives: int, turns: int, at_once: int) -> bool:
     """Print the ratio of this checkout to another one; return whether they decide the same."""
     ratios, same = [], True
     both = Served(other), Served(HERE)
@@ -46,7 +48,7 @@ def compared(other: Path, seen: int, drives: int, turns: int) -> bool:
             one.ask(f"{seen} {drive}")
         for turn in range(turns):
             order = both if turn % 2 else both[::-1]
-            found = {one: one.ask(f"{AT_ONCE}").split() for one in order}
+            found = {one: one.ask(f"{at_once}").split() for one in order}
             before, after = (found[one] for one in both)
             same &= before[1] == after[1]
             ratios.append(float(after[0]) / float(before[0]))
@@ -86,6 +88,8 @@ def serve(folder: Path) -> int:
 
     from wideberth.framework.control.rate_limited_warnings import quiet
 
+    if sys.platform == "linux":
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever else is printed
     with quiet():
