@@ -12,6 +12,7 @@ from wideberth.draw.forecasts import content_outlines
 from wideberth.framework.tracking.history import History
 from wideberth.framework.values.arrays import (
     Array,
+    altered,
     checked,
     checked_covariance,
     positive,
@@ -325,3 +326,14 @@ def test_outlines_from_above_keep_to_the_two_dimensional_block(size: int) -> Non
                 inverse = np.linalg.inv(covariance[o, step, :2, :2])
                 square = np.einsum("ki,ij,kj->k", away, inverse, away)
                 np.testing.assert_allclose(square, stats.chi2.ppf(0.9, size), rtol=1e-9)
+
+
+def test_an_altered_value_keeps_its_other_fields_and_nothing_that_was_computed() -> None:
+    forecast = Forecast.single(np.zeros((1, 3, 2)), np.tile(np.eye(2), (1, 3, 1, 1)), 0.5)
+    joint = np.zeros((1, 1, 6, 6))
+    assert forecast.joint is None  # and kept
+    other = altered(forecast, joint_source=joint, dt=0.25)
+    assert (other.dt, forecast.dt) == (0.25, 0.5)
+    assert other.joint is joint
+    assert other.mean is forecast.mean
+    assert other.fallback == forecast.fallback
