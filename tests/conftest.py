@@ -18,21 +18,24 @@ LARGE, PAGE = 600e6, 4096
 NAV2 = Path(__file__).parent / "data" / "nav2"
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 LONG = (
-    "benchmarks/test_benchmarks.py",
     "framework/mpc/test_three_dimensions.py",
-    "experiments/test_closed_loop_experiments.py",
+    "benchmarks/test_benchmarks.py",
     "regions/test_regions_laws.py",
-    "metrics/test_region_risk_3d.py",
     "predictors/test_predictors.py",
+    "framework/mpc/test_walls_closed_loop.py",
+    "experiments/test_closed_loop_experiments.py",
+    "experiments/test_cascade_study.py",
+    "metrics/test_region_risk_3d.py",
     "regions/test_regions_contract.py",
-    "house/test_readme.py",
-    "house/test_examples.py",
-    "solvers/test_solver_contract.py",
-    "framework/mpc/test_slot_kinds.py",
+    "controllers/test_bilevel_orca.py",
+    "framework/plugins/test_saved_fitted.py",
     "solvers/test_riccati_property.py",
-    "benchmarks/test_benchmark_endurance.py",
+    "experiments/test_runner_killed.py",
+    "experiments/test_cluster.py",
+    "framework/mpc/test_in_contact.py",
+    "framework/mpc/test_unusable_detections.py",
+    "framework/mpc/test_end_of_the_path.py",
     "regions/test_static_regions.py",
-    "framework/mpc/test_contouring.py",
 )
 """Files that take longest, and run first: workers that take a file at a time end together."""
 
