@@ -223,7 +223,7 @@ class Forgetful(Adaptive):
     [
         (Leaky(), "a reason for an obstacle never observed"),
         (Noisy(), "never raises: RuntimeWarning"),
-        (Torn(), "joint covariance: step 1 of track 'ordinary', .* differs by"),
+        (Torn(), "step 1 of track 'ordinary', .*: joint covariance differs by"),
         (Forgetful([]), "a second call gives another forecast: step 1 of .*, after updates"),
     ],
     ids=lambda value: type(value).__name__,
