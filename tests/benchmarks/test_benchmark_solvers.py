@@ -74,22 +74,6 @@ def test_every_peer_has_a_row_or_a_reason(bench: SimpleNamespace) -> None:
     assert set(taking) < set(bench.set_ups.set_ups())
 
 
-def test_a_solve_cut_short_is_compared_with_the_converged_one(
-    monkeypatch: pytest.MonkeyPatch, bench: SimpleNamespace
-) -> None:
-    """The converged one is exactly itself; one Newton step is not the optimum."""
-    real_time = import_module("real_time")
-    monkeypatch.setattr(real_time, "SECONDS", 4.0)
-    rows = {row["solver"]: row for row in real_time.beside(2.0, [3])}
-    whole, short = rows["riccati, converged"], rows["riccati, 1 step"]
-    assert set(rows) == set(real_time.solvers()) and whole["solves"] == short["solves"] > 0
-    assert whole["first_input_off_p95"] == whole["breaks_1e-4"] == 0.0
-    assert short["first_input_off_p95"] > 0.0 and short["breaks_1e-4"] > 0.0
-    for row in real_time.alone(2.0, [3]):
-        assert row["arrived"] == row["touched"] == 0
-        assert row["own_plan"] + row["last_plan"] + row["brake"] == pytest.approx(1.0)
-
-
 def test_gauge_of_the_sum_is_one_on_its_boundary(
     bench: SimpleNamespace, instances: list[Instance]
 ) -> None:

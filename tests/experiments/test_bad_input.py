@@ -58,7 +58,7 @@ def test_a_bad_setting(
         (b"- a\n- b\n", "mapping"),
         (b"\x00\xff\xfe\x01", ""),
         (b"type: [unclosed", ""),
-        (b"type: encounter\n", "scenario"),
+        (b"type: encounter\n", "robot"),
     ],
 )
 def test_a_bad_config_file(
@@ -68,7 +68,7 @@ def test_a_bad_config_file(
     config.write_bytes(content)
     message = refused(["run", str(config), "--out", str(tmp_path / "out")], capsys)
     assert words in message
-    assert "config.yaml" in message or words == "scenario"
+    assert "config.yaml" in message or words == "robot"
     assert not (tmp_path / "out").exists()
 
 

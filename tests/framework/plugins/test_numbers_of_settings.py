@@ -1,6 +1,6 @@
 """No plug-in accepts a number of its settings that is none, and the message names the setting."""
 
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import pytest
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.values.errors import WideberthError
+from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
 
 ROOMS = sorted({*registry.ROOMS} - {"experiments", "controllers"})
@@ -22,10 +23,11 @@ BAD: dict[type, tuple[Any, ...]] = {int: (-3, 1.5), float: (np.nan,)}
 
 
 def made(room: str, name: str) -> Any:
-    """With its defaults; what needs a robot has one."""
+    """With its defaults; what needs a robot or a region has one."""
     kind = registry.load(room, name)
-    needed = {"robot": Unicycle()} if "robot" in {one.name for one in fields(kind)} else {}
-    return kind(**needed)
+    names = {one.name for one in fields(kind) if one.default is one.default_factory is MISSING}
+    parts = {"robot": Unicycle(), "region": MinkowskiSum()}
+    return kind(**{name: part for name, part in parts.items() if name in names})
 
 
 @pytest.mark.parametrize(("room", "name"), KINDS)
