@@ -13,7 +13,7 @@ import pytest
 
 GOLDEN = Path(__file__).with_name("golden_regions.json")
 DENSE = Path(__file__).parent / "data" / "dense"
-LARGE, GROWN, PAGE = 600e6, 150e6, 4096
+LARGE, GROWN, PAGE = 600e6, 100e6, 4096
 """Bytes: of a test process that drops what it has compiled, by which it grows until it does so
 again, and of a page of memory."""
 NAV2 = Path(__file__).parent / "data" / "nav2"
