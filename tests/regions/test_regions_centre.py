@@ -13,8 +13,8 @@ import pytest
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Region
+from wideberth.framework.testing.numeric_constraint import compile_constraint
 from wideberth.framework.testing.region_cases import RegionCase, sphere
-from wideberth.framework.testing.twin import compile_twin
 from wideberth.framework.values.motion import Pose
 from wideberth.regions.gaussian import CENTRE
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -125,7 +125,7 @@ def test_an_ellipse_meets_the_bound_at_its_centre(region: Region, size: int) -> 
 @pytest.mark.parametrize(("region", "size"), sized(GAUGES))
 def test_the_boundary_stays_where_it_is(region: Region, size: int) -> None:
     """At a multiple m of a boundary point log((m^2 + c) / (1 + c)) / 2, so 0 where m is 1."""
-    case, twin = obstacle(region, size, WIDE), compile_twin(region, size)
+    case, twin = obstacle(region, size, WIDE), compile_constraint(region, size)
     rays = sphere(np.random.default_rng(21), 40, size)
     edge = case.reach(rays)[0][:, None] * rays
     for multiple in (0.01, 0.5, 0.999, 1.0, 1.001, 2.0):
@@ -139,7 +139,7 @@ def test_a_constraint_has_no_unit(region: Region, size: int) -> None:
     """All lengths in another unit: the same values, at the centre too."""
     here, rays = obstacle(region, size, WIDE), sphere(np.random.default_rng(22), 6, size)
     radius = float(here.reach(rays)[0].min())
-    twin, factor = compile_twin(region, size), 3.0
+    twin, factor = compile_constraint(region, size), 3.0
     there = RegionCase(
         region, factor * here.mean, factor**2 * here.covariance, factor * here.margin, here.tail
     )

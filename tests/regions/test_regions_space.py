@@ -15,7 +15,7 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.testing.twin import compile_twin
+from wideberth.framework.testing.numeric_constraint import compile_constraint
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions.bhattacharyya import Bhattacharyya
 from wideberth.regions.du_toit import DuToit
@@ -96,7 +96,7 @@ def test_guarantee_at_random_covariances(name: str) -> None:
 @pytest.mark.parametrize("name", SPATIAL)
 def test_symbolic_equals_numeric(name: str) -> None:
     rng, region = np.random.default_rng(3), build("regions", name)
-    twin, sigma = compile_twin(region, 3), covariances(rng, 4)
+    twin, sigma = compile_constraint(region, 3), covariances(rng, 4)
     for covariance, margin in zip(sigma, (0.3, 0.8, 1.5, 3.0), strict=True):
         numbers = region.parameters(GaussianObstacle(np.ones(3), covariance), np.asarray(margin))
         level = region.level(0.05, 3)

@@ -9,7 +9,7 @@ from scipy import special
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.region import Region
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.testing.twin import compile_twin
+from wideberth.framework.testing.numeric_constraint import compile_constraint
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
 from wideberth.regions import log_normal_probability as normal
@@ -82,5 +82,5 @@ def test_an_empty_region_forbids_nothing(region: Region) -> None:
     assert not region.contains(points, numbers, level).any()
     assert region.area(numbers, level) == 0.0
     np.testing.assert_array_equal(region.boundary(numbers, float(level), 8), np.zeros((8, 2)))
-    values, _, _ = compile_twin(region, 2)(points, numbers, float(level))
+    values, _, _ = compile_constraint(region, 2)(points, numbers, float(level))
     assert (values >= 0.0).all()
