@@ -11,6 +11,8 @@ import numpy as np
 from ..values.arrays import Array, Scalar
 
 _NEWTON = 16
+_FAR = 1e3
+"""Ratio of two bounds of a root from which on the lower one is no start for Newton's method."""
 _TINY = 1e-200
 """Keeps quotients finite that are then not used."""
 
@@ -188,6 +190,8 @@ def _root(form: Form, near: Any, xp: Any) -> Any:
     for t, d, k in zip(ratios, squares, counts, strict=True):
         below = 0.5 * (k * t + xp.sqrt((k * t) ** 2 + 4.0 * d))
         w = xp.fmax(w, (below - 1.0) / (2.0 * t + _TINY))
+    if order:
+        w = _past_thick(form, w, xp)
     for turn in range(_NEWTON):
         g, falling = (order / w, order / w**2) if order else (0.0, 0.0)
         for t, d, k in zip(ratios, squares, counts, strict=True):
@@ -198,6 +202,26 @@ def _root(form: Form, near: Any, xp: Any) -> Any:
         # g is near 1 at the end, and what is left of it is known from the gap.
         rest = root - 1.0 if turn < _NEWTON - 2 else -_slope(form, near, w) / (root + 1.0)
         w = w + 2.0 * g * rest / falling
+    return w
+
+
+def _past_thick(form: Form, w: Any, xp: Any) -> Any:
+    """Raise a bound of the root that is far below the root for the thin directions alone.
+
+    g is at least the part of it that the last directions make, so that their tangent bounds the
+    root, too. Where the others are thicker by many orders of magnitude, g is nearly flat between
+    the two bounds, and Newton's method would take its steps to cross that.
+    """
+    ratios, squares, *_ = form
+    for first in range(1, len(ratios)):
+        thin = list(zip(ratios[first:], squares[first:], strict=True))
+        gap = 1.0 - sum(d for _, d in thin)
+        mixed = 4.0 * sum(t * d for t, d in thin)
+        bound = (
+            (gap < 0.0) * (xp.fabs(gap) + xp.sqrt(gap**2 + 4.0 * mixed)) / (2.0 * mixed + _TINY)
+        )
+        far = bound > _FAR * w
+        w = far * bound + (1 - far) * w
     return w
 
 

@@ -91,7 +91,7 @@ def test_check(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, error = shell("check", "region", "whitened_box")
     assert code == 0, error
     assert "turns with the obstacle: exempt: it declares rotation_invariant = False\n" in out
-    code, out, error = shell("check", "scenario", "crossing", "--set", "speed=0.7")
+    code, out, error = shell("check", "scenario", "blind_corner", "--set", "width=2.5")
     assert code == 0 and "keeps the laws of scenarios" in out, error
     code, out, error = shell("check", "solver", "fatrop", "--set", "iterations=200")
     assert code == 0 and "keeps the laws of solvers" in out, error

@@ -3,9 +3,12 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy import special
+from scipy.stats import norm
 
 from wideberth.framework.risk.collision_probability import collision_probability
+from wideberth.framework.risk.inversion import log_probability
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(24)
 STEPS = np.arange(-12, 13)
@@ -109,3 +112,23 @@ def test_ball_against_layers() -> None:
     assert likely.mean() > 0.7
     error = np.abs(collision_probability(x, squared(s), 1.0)[likely] / want[likely] - 1.0)
     assert error.max() < 1e-9, per_decade(error, s[likely])
+
+
+def test_one_thick_direction_among_thin_ones() -> None:
+    """Across the rim: inside, the normal distribution along the thick direction; outside, falling.
+
+    With deviations of 1, 1e-8 and 1e-9 radii Newton's method took all its steps to cross the part
+    between the two scales, and the integrand overflowed.
+    """
+    along, angle = 1.8, 0.07
+    log_risks = []
+    for off in (0.9, 0.999, 1.0 + 1e-6, 1.0 + 3.5e-5, 1.001, 1.5):
+        place = [np.array(part) for part in (along, off * np.sin(angle), -off * np.cos(angle))]
+        spreads = [np.array(part) for part in (1.0, 1e-8, 1e-9)]
+        with np.errstate(all="raise", under="ignore"):
+            log_risks.append(float(log_probability(place, spreads, np.array(1.0), 64)))
+        if off < 1.0:
+            half = np.sqrt(1.0 - off**2)
+            wanted = norm.cdf(half - along) - norm.cdf(-half - along)
+            assert np.exp(log_risks[-1]) == pytest.approx(wanted, rel=1e-5)
+    assert np.all(np.diff(log_risks) < 0.0)
