@@ -50,7 +50,7 @@ def collision_probability(
     shape, columns, _, _ = scaled(difference, covariance, radius)
     result = np.zeros(columns.shape[1])
     for part in _parts(len(result)):
-        result[part] = probability(*split(columns[:, part]), nodes, np)
+        result[part] = probability(*split(columns[:, part]), nodes)
     return result.reshape(shape)
 
 

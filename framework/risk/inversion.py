@@ -1,9 +1,9 @@
 """The collision probability as one integral in the complex plane, in two and three dimensions.
 
-Written with functions that NumPy, JAX (which stands in as ``xp``) and CasADi all know.
+Written with functions of NumPy that CasADi's expressions know as well.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,35 +20,33 @@ Form: TypeAlias = tuple[Sequence[Scalar], Sequence[Scalar], Scalar, Sequence[int
 """Ratios tau, squares delta, gap 1 - sum delta, counts k and order n of `logarithm`."""
 
 
-def probability(
-    ratios: Sequence[Any], squares: Sequence[Any], gap: Any, nodes: int, xp: Any
-) -> Any:
+def probability(ratios: Sequence[Any], squares: Sequence[Any], gap: Any, nodes: int) -> Any:
     """Probability from `logarithm`, (...), also where some or all ratios are zero.
 
     A known position is met or not; on the rim it is not. A coordinate without spread that alone
     is a radius off or more cannot be made up for.
     """
-    solid, reachable = _kinds(ratios, squares, xp)[:2]
-    form = _masked(ratios, squares, gap, solid & reachable, xp)
-    risk = xp.exp(logarithm((*form, [1] * len(ratios), 1), nodes, xp))
-    return xp.where(solid, xp.where(reachable, xp.clip(risk, 0.0, 1.0), 0.0), 1.0 * (gap > 0.0))
+    solid, reachable = _kinds(ratios, squares)
+    form = _masked(ratios, squares, gap, solid & reachable)
+    risk = np.exp(logarithm((*form, [1] * len(ratios), 1), nodes))
+    return np.where(solid, np.where(reachable, np.clip(risk, 0.0, 1.0), 0.0), 1.0 * (gap > 0.0))
 
 
-def _kinds(ratios: Sequence[Any], squares: Sequence[Any], xp: Any) -> tuple[Any, Any, Any]:
-    """Tell whether any coordinate has spread, the disc is reachable, and only its rim is."""
+def _kinds(ratios: Sequence[Any], squares: Sequence[Any]) -> tuple[Any, Any]:
+    """Say whether any coordinate has spread, and whether the disc is reachable."""
     solid = sum(ratios) > 0.0
-    fixed = sum(xp.where(t > 0.0, 0.0, d) for t, d in zip(ratios, squares, strict=True))
-    return solid, fixed < 1.0, solid & (fixed == 1.0)
+    fixed = sum(np.where(t > 0.0, 0.0, d) for t, d in zip(ratios, squares, strict=True))
+    return solid, fixed < 1.0
 
 
 def _masked(
-    ratios: Sequence[Any], squares: Sequence[Any], gap: Any, where: Any, xp: Any
+    ratios: Sequence[Any], squares: Sequence[Any], gap: Any, where: Any
 ) -> tuple[list[Any], list[Any], Any]:
     """Replace the arguments by valid constants where the integral does not exist."""
     return (
-        [xp.where(where, t, 1.0) for t in ratios],
-        [xp.where(where, d, 0.0) for d in squares],
-        xp.where(where, gap, 1.0),
+        [np.where(where, t, 1.0) for t in ratios],
+        [np.where(where, d, 0.0) for d in squares],
+        np.where(where, gap, 1.0),
     )
 
 
@@ -68,12 +66,12 @@ def log_probability(
     ratios = [(s / radius) ** 2 for s in deviations]
     squares = [(c / radius) ** 2 for c in x]
     form = (ratios, squares, 1.0 - sum(squares), [1] * len(ratios), 1)
-    top, scale, share = saddle(form, np)
+    top, scale, share = saddle(form)
     step, points = rule(nodes)
     return top + np.log(step / np.pi * scale * (0.5 + sum(share(u) for u in points.tolist())))
 
 
-def logarithm(form: Form, nodes: int, xp: Any = np) -> Any:
+def logarithm(form: Form, nodes: int) -> Any:
     """Log of the inverse Laplace transform that gives the probability and its gradient, (...).
 
     |D|^2 / R^2 has the Laplace transform of a weighted sum of noncentral chi-square variables, so
@@ -95,7 +93,6 @@ def logarithm(form: Form, nodes: int, xp: Any = np) -> Any:
     form : arrays of one shape (...) that broadcast. With the gap 1 - sum delta_i exact to its own
         last digits none is lost at the rim of the disc, however small the deviations.
     nodes : see `rule`.
-    xp : numpy or jax.numpy.
 
     References
     ----------
@@ -105,19 +102,10 @@ def logarithm(form: Form, nodes: int, xp: Any = np) -> Any:
     and hyperbolic contours for computing the Bromwich integral, Mathematics of Computation 76
     (2007), for the contour.
     """
-    top, scale, share = saddle(form, xp)
+    top, scale, share = saddle(form)
     step, points = rule(nodes)
-    return top + xp.log(step / np.pi * scale * (0.5 + _summed(share, points, top, xp)))
-
-
-def _summed(share: Callable[[Any], Any], points: Array, like: Any, xp: Any) -> Any:
-    """Sum over the nodes: in one array, or in JAX in a loop, whose data fit into the cache."""
-    if xp is np:
-        return share(points.reshape(-1, *[1] * like.ndim)).sum(axis=0)
-    from jax.lax import fori_loop
-
-    nodes = xp.asarray(points)
-    return fori_loop(0, len(points), lambda i, sum_: sum_ + share(nodes[i]), xp.zeros_like(like))
+    shares = share(points.reshape(-1, *[1] * top.ndim)).sum(axis=0)
+    return top + np.log(step / np.pi * scale * (0.5 + shares))
 
 
 def rule(nodes: int) -> tuple[float, Array]:
@@ -131,22 +119,22 @@ def rule(nodes: int) -> tuple[float, Array]:
     return step, step * np.arange(1, nodes, dtype=np.float64)
 
 
-def saddle(form: Form, xp: Any) -> tuple[Any, Any, Any]:
+def saddle(form: Form) -> tuple[Any, Any, Any]:
     """Return phi at the saddle, the scale s, and the integrand as a function of u."""
     ratios, squares, gap, counts, order = form
     near = gap > -1.0
-    w = _root(form, near, xp)
+    w = _root(form, near)
     inside, outside = w * gap, w
     rest, second, third = 0.0, 0.0, 0.0
     parts: list[tuple[Any, int, Any]] = []
     if order:
-        rest, second, third = -xp.log(w), 1.0 / w**2, 2.0 / w**3
+        rest, second, third = -np.log(w), 1.0 / w**2, 2.0 / w**3
         parts.append((1.0 / w, 2, None))
     for t, d, k in zip(ratios, squares, counts, strict=True):
         below = 1.0 + 2.0 * t * w
         inside = inside + 2.0 * t * d * w**2 / below
         outside = outside - d * w / below
-        rest = rest - 0.5 * k * xp.log(below)
+        rest = rest - 0.5 * k * np.log(below)
         bent, pull = t / below, d / below**2
         second = second + bent * (2.0 * k * bent + 4.0 * pull)
         third = third + 8.0 * bent**2 * (k * bent + 3.0 * pull)
@@ -156,21 +144,21 @@ def saddle(form: Form, xp: Any) -> tuple[Any, Any, Any]:
     slope = _slope(form, near, w)
 
     def share(u: Any) -> Any:
-        up, back, ahead = xp.sinh(u), 2.0 * (xp.cosh(u) - 1.0), xp.cosh(u)
+        up, back, ahead = np.sinh(u), 2.0 * (np.cosh(u) - 1.0), np.cosh(u)
         step = (-scale * curvature * back, scale * up)
-        power, factor = _change(parts, slope, step, xp)
-        cosine, sine = xp.cos(power[1]), xp.sin(power[1])
+        power, factor = _change(parts, slope, step)
+        cosine, sine = np.cos(power[1]), np.sin(power[1])
         turn = (
             ahead * cosine - 2.0 * curvature * up * sine,
             ahead * sine + 2.0 * curvature * up * cosine,
         )
         norm = factor[0] ** 2 + factor[1] ** 2
-        return xp.exp(power[0]) * (turn[0] * factor[0] + turn[1] * factor[1]) / norm
+        return np.exp(power[0]) * (turn[0] * factor[0] + turn[1] * factor[1]) / norm
 
     return near * inside + (1 - near) * outside + rest, scale, share
 
 
-def _root(form: Form, near: Any, xp: Any) -> Any:
+def _root(form: Form, near: Any) -> Any:
     """Root of phi' by Newton's method on g^(-1/2) - 1, g = 1 - phi', from the left.
 
     The start is the largest of several lower bounds: the root for each term of g alone, and the
@@ -179,33 +167,33 @@ def _root(form: Form, near: Any, xp: Any) -> Any:
     ratios, squares, gap, counts, order = form
     mixed = 4.0 * sum(t * d for t, d in zip(ratios, squares, strict=True))
     if order:
-        root = xp.fabs(gap) + xp.sqrt(gap**2 + 4.0 * mixed)
+        root = np.fabs(gap) + np.sqrt(gap**2 + 4.0 * mixed)
         within = gap > 0.0
         tangent = within * 2.0 / (root + _TINY) + (1 - within) * root / (2.0 * mixed + _TINY)
-        w = xp.fmax(tangent, 1.0)
+        w = np.fmax(tangent, 1.0)
     else:
         pairs = list(zip(ratios, counts, strict=True))
         bend = mixed + 2.0 * sum(k * t**2 for t, k in pairs)
         w = (sum(k * t for t, k in pairs) - gap) / (bend + _TINY)
     for t, d, k in zip(ratios, squares, counts, strict=True):
-        below = 0.5 * (k * t + xp.sqrt((k * t) ** 2 + 4.0 * d))
-        w = xp.fmax(w, (below - 1.0) / (2.0 * t + _TINY))
+        below = 0.5 * (k * t + np.sqrt((k * t) ** 2 + 4.0 * d))
+        w = np.fmax(w, (below - 1.0) / (2.0 * t + _TINY))
     if order:
-        w = _past_thick(form, w, xp)
+        w = _past_thick(form, w)
     for turn in range(_NEWTON):
         g, falling = (order / w, order / w**2) if order else (0.0, 0.0)
         for t, d, k in zip(ratios, squares, counts, strict=True):
             share = 1.0 / (1.0 + 2.0 * t * w)
             g = g + (k * t + d * share) * share
             falling = falling + (2.0 * k * t + 4.0 * d * share) * t * share**2
-        root = xp.sqrt(g)
+        root = np.sqrt(g)
         # g is near 1 at the end, and what is left of it is known from the gap.
         rest = root - 1.0 if turn < _NEWTON - 2 else -_slope(form, near, w) / (root + 1.0)
         w = w + 2.0 * g * rest / falling
     return w
 
 
-def _past_thick(form: Form, w: Any, xp: Any) -> Any:
+def _past_thick(form: Form, w: Any) -> Any:
     """Raise a bound of the root that is far below the root for the thin directions alone.
 
     g is at least the part of it that the last directions make, so that their tangent bounds the
@@ -218,7 +206,7 @@ def _past_thick(form: Form, w: Any, xp: Any) -> Any:
         gap = 1.0 - sum(d for _, d in thin)
         mixed = 4.0 * sum(t * d for t, d in thin)
         bound = (
-            (gap < 0.0) * (xp.fabs(gap) + xp.sqrt(gap**2 + 4.0 * mixed)) / (2.0 * mixed + _TINY)
+            (gap < 0.0) * (np.fabs(gap) + np.sqrt(gap**2 + 4.0 * mixed)) / (2.0 * mixed + _TINY)
         )
         far = bound > _FAR * w
         w = far * bound + (1 - far) * w
@@ -241,7 +229,7 @@ def _slope(form: Form, near: Any, w: Any) -> Any:
 
 
 def _change(
-    parts: list[tuple[Any, int, Any]], slope: Any, step: tuple[Any, Any], xp: Any
+    parts: list[tuple[Any, int, Any]], slope: Any, step: tuple[Any, Any]
 ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """Power e and factor f, both complex, of exp(phi(w + h) - phi(w)) = exp(e) / f.
 
@@ -262,7 +250,7 @@ def _change(
         norm = a**2 + b**2
         share = pull / norm
         power = power[0] + share * (even * a + odd * b), power[1] + share * (odd * a - even * b)
-        half = xp.sqrt(0.5 * (xp.sqrt(norm) + a))
+        half = np.sqrt(0.5 * (np.sqrt(norm) + a))
         factor = _times(factor, (half, 0.5 * b / half))
     return power, factor
 
