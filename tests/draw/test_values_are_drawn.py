@@ -21,20 +21,15 @@ from wideberth import (
 from wideberth.draw.plans import kept_out
 from wideberth.draw.style import chosen_steps, paper_style, shades
 from wideberth.framework.values.plan import Plan
+from wideberth.tests.helpers.planning import past_a_walker
 
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     """A plan past a walker who crosses the path."""
-    planner = recommended("unicycle", 0.5, quiet=True)
-    planner.set_path(Path([(0, 0), (12, 0)]))
-    for k in range(-20, 1):
-        walker = Detection("walker", (5.0, 0.25 * k - 1.0), 4e-4 * np.eye(2), 0.3)
-        observation = Observation(0.5 * k, (0, 0, 0, 0.5, 0), (walker,))
-        planner.remember(observation)
-    planner.command(observation)
-    assert planner.plan is not None
-    return planner.plan
+    plan = past_a_walker().plan
+    assert plan is not None
+    return plan
 
 
 def polygons_of(panel) -> dict[str, PolyCollection]:  # type: ignore[no-untyped-def]

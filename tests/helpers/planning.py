@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from wideberth import recommended
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
@@ -80,3 +81,15 @@ class Failing(Solver):
             replace(s, point=w, status=self.status, message="told to fail")
             for s, w in zip(solutions, wild, strict=True)
         ]
+
+
+def past_a_walker() -> Planner:
+    """Return the recommended planner after a command past a walker who crosses the path."""
+    planner = recommended("unicycle", 0.5, quiet=True)
+    planner.set_path(Path([(0, 0), (12, 0)]))
+    for k in range(-20, 1):
+        walker = Detection("walker", (5.0, 0.25 * k - 1.0), 4e-4 * np.eye(2), 0.3)
+        observation = Observation(0.5 * k, (0, 0, 0, 0.5, 0), (walker,))
+        planner.remember(observation)
+    planner.command(observation)
+    return planner

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from wideberth import Detection, Observation, build, recommended
-from wideberth import Path as Route
+from wideberth import build
 from wideberth.experiments.engine.runner import run
 from wideberth.framework.mpc.diagnosis.solve_record import SolveRecord, write_solve
 from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.predictor import Fittable
 from wideberth.framework.testing.predictor_cases import draw_recordings
+from wideberth.tests.helpers.planning import past_a_walker
 
 SAVED = Path(__file__).resolve().parents[1] / "data" / "saved"
 STUDY = {
@@ -30,14 +30,7 @@ STUDY = {
 
 def solve() -> SolveRecord:
     """Return a solve past a walker who crosses the path."""
-    planner = recommended("unicycle", 0.5, quiet=True)
-    planner.set_path(Route([(0, 0), (12, 0)]))
-    for k in range(-20, 1):
-        walker = Detection("walker", (5.0, 0.25 * k - 1.0), 4e-4 * np.eye(2), 0.3)
-        observation = Observation(0.5 * k, (0, 0, 0, 0.5, 0), (walker,))
-        planner.remember(observation)
-    planner.command(observation)
-    return planner.explain()
+    return past_a_walker().explain()
 
 
 def fitted() -> Fittable:
