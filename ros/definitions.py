@@ -1,6 +1,14 @@
-"""Messages that ROS 2 itself does not have, as the text of their definitions."""
+"""Messages that an installation of ROS 2 may lack, as the text of their definitions."""
 
 DEFINITIONS: dict[str, str] = {
+    "tf2_msgs/msg/TFMessage": """
+geometry_msgs/TransformStamped[] transforms
+""",
+    "nav2_msgs/msg/SpeedLimit": """
+std_msgs/Header header
+bool percentage
+float64 speed_limit
+""",
     "nav2_dynamic_msgs/msg/Obstacle": """
 unique_identifier_msgs/UUID uuid
 float32 score
@@ -65,3 +73,50 @@ vision_msgs/Detection3D[] detections
 """,
 }
 """Name of a message -> its definition, as in a .msg file."""
+
+ACTIONS: dict[str, str] = {
+    "nav2_msgs/action/FollowPath": """
+nav_msgs/Path path
+string controller_id
+string goal_checker_id
+string progress_checker_id
+---
+uint16 NONE=0
+uint16 UNKNOWN=100
+uint16 INVALID_CONTROLLER=101
+uint16 TF_ERROR=102
+uint16 INVALID_PATH=103
+uint16 PATIENCE_EXCEEDED=104
+uint16 FAILED_TO_MAKE_PROGRESS=105
+uint16 NO_VALID_CONTROL=106
+uint16 CONTROLLER_TIMED_OUT=107
+std_msgs/Empty result
+uint16 error_code
+string error_msg
+---
+float32 distance_to_goal
+float32 speed
+""",
+    "nav2_msgs/action/NavigateToPose": """
+geometry_msgs/PoseStamped pose
+string behavior_tree
+---
+uint16 NONE=0
+uint16 UNKNOWN=9000
+uint16 FAILED_TO_LOAD_BEHAVIOR_TREE=9001
+uint16 TF_ERROR=9002
+uint16 TIMEOUT=9003
+uint16 error_code
+string error_msg
+---
+geometry_msgs/PoseStamped current_pose
+builtin_interfaces/Duration navigation_time
+builtin_interfaces/Duration estimated_time_remaining
+int16 number_of_recoveries
+float32 distance_remaining
+""",
+}
+"""Name of an action -> its definition, as in an .action file of Jazzy and Kilted.
+
+Their hashes are equal. Jazzy's NavigateToPose names no error but NONE.
+"""

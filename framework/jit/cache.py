@@ -26,8 +26,12 @@ _HASH = 32
 """Bytes of the hash in front of the code."""
 
 
-def folder() -> Path:
+def folder(kind: str = "jit") -> Path:
     """Return the folder, made if missing: in WIDEBERTH_CACHE, else among the user's caches.
+
+    Parameters
+    ----------
+    kind : of what is kept there; each has a folder of its own.
 
     Raises
     ------
@@ -40,7 +44,7 @@ def folder() -> Path:
         base = Path(chosen or platformdirs.user_cache_dir("wideberth", False)).expanduser()
     except RuntimeError as error:  # there is no home folder
         raise OSError(f"no place for it: {error}; set WIDEBERTH_CACHE") from None
-    root = base.absolute() / "jit"
+    root = base.absolute() / kind
     root.mkdir(0o700, parents=True, exist_ok=True)
     if not _own(root.stat()):
         raise PermissionError(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from wideberth import WideberthError
-from wideberth.ros.definitions import DEFINITIONS
+from wideberth.ros.definitions import ACTIONS, DEFINITIONS
 from wideberth.ros.messages import DISTRIBUTIONS, Messages, messages
 
 pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
@@ -29,8 +29,41 @@ PUBLISHED = {
     "nav2_dynamic_msgs/msg/ObstacleArray": (
         "30bef8eb1da85ccb8d8fd860be402b7710dd81b368d1622325aa617436b0cb2a"
     ),
+    "nav2_msgs/msg/SpeedLimit": "83d8e4e842559f4d9a988b19d31b162216ec738536389f98438d1a166f91845a",
+    "vision_msgs/msg/Detection3DArray": (
+        "793f5eab9595ac1c0da07873cc859db42eae51f0ee76056db8562515d830e018"
+    ),
+    "costmap_converter_msgs/msg/ObstacleArrayMsg": (
+        "ec79215656d8d48c5b0f6c922ccdc2ccb4b4f10c4c2871d5044f5444fae3090c"
+    ),
 }
 """As ROS 2 prints them."""
+
+
+PARTS = {
+    "nav2_msgs/action/FollowPath": (
+        "7ec8732a3a001bf92b87db3989ef6984b1a4b9b9e62e166543ffa72344ecd194",
+        "432bc8fc1c0de59f8181d00bf8dcc7d58e76cebcfd2de471361e62f468ad4428",
+        "496acbe672234cdb70be4f93d28a22aabbf441958e2e1ff443a44a96e9f3185b",
+    ),
+    "nav2_msgs/action/NavigateToPose": (
+        "22a9dffbd6733011220460bd52edbc7843c8fc86282d40bc7ad3ca176a9dec10",
+        "ddbff7fc6d1e51d774d5defdb8398a57cb23fa8709355002d676408bb4860b85",
+        "9ebc544c7d41bd8c6060b191bf9f5e4ddca6c2f61ee9e04fcb62ed5d67218a33",
+    ),
+}
+"""Hashes of goal, result and feedback in public builds of Nav2 for Jazzy and Kilted."""
+
+
+@pytest.mark.parametrize("distribution", ["jazzy", "kilted"])
+def test_parts_of_actions_have_the_published_hashes(distribution: str) -> None:
+    known = Messages(distribution)
+    for name, text in ACTIONS.items():
+        parts = {f"{name}_{part}": one for part, one in
+                 zip(("Goal", "Result", "Feedback"), text.split("---"), strict=True)}  # fmt: skip
+        known.add(parts)
+        found = [known.type_hash(part) for part in parts]
+        assert found == [f"RIHS01_{digest}" for digest in PARTS[name]]
 
 
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
@@ -68,6 +101,12 @@ BELOW = {
     "geometry_msgs/msg/Point32": "float32 x\nfloat32 y\nfloat32 z",
     "geometry_msgs/msg/Vector3": "float64 x\nfloat64 y\nfloat64 z",
     "geometry_msgs/msg/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    "geometry_msgs/msg/Transform": (
+        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation"
+    ),
+    "geometry_msgs/msg/TransformStamped": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
+    ),
     "geometry_msgs/msg/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
     "geometry_msgs/msg/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose",
     "geometry_msgs/msg/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance",
