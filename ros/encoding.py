@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from ..framework.values.motion import Command, Twist
 from ..framework.values.plan import Plan
 from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import Scan
-from .messages import Messages, messages
+from .messages import messages
 
 LONGEST_NAME = 16
 """Bytes of a name that fits into an identity of ROS 2; of a longer one it is a hash."""
@@ -43,6 +43,22 @@ def identity(name: str) -> NDArray[np.uint8]:
     return np.frombuffer(data.ljust(LONGEST_NAME, b"\0"), np.uint8).astype(np.uint8)
 
 
+class MessageTypes(Protocol):
+    """Makes messages.
+
+    `wideberth.ros.link.RosMessages` makes those of an installation of ROS 2,
+    `wideberth.ros.messages.Messages` those of recordings.
+    """
+
+    def make(self, name: str, /, **given: Any) -> Any:
+        """Return a message; what is not given is zero, empty or False."""
+        ...
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a type of this name, as in ``"nav_msgs/msg/Path"``."""
+        ...
+
+
 @final
 @dataclass(frozen=True)
 class MessageEncoder:
@@ -57,7 +73,7 @@ class MessageEncoder:
 
     epoch: int = 0
     frame: str = "map"
-    known: Messages = field(default_factory=messages)
+    known: MessageTypes = field(default_factory=messages)
 
     def stamp(self, time: float) -> Any:
         """Return an instant, from s."""

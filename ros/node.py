@@ -1,12 +1,13 @@
-"""A planner on a network of ROS 2: it receives odometry and obstacles, and sends velocities."""
+"""A planner beside the messages of a robot: odometry and obstacles come, velocities go."""
 
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, final
+from functools import partial
+from typing import Any, final
 
 import numpy as np
 
@@ -24,10 +25,18 @@ from ..framework.values.plan import Plan
 from ..framework.values.polygon import separation
 from ..framework.values.sensing import MotionEstimate, Scan
 from ..perception.own_state import own_state
-from .decoding import Goal, OdometryMessage, PathMessage, Transforms, decode_message
+from .command_topic import CommandTopic
+from .decoding import (
+    DecodedMessage,
+    Goal,
+    OdometryMessage,
+    PathMessage,
+    Transforms,
+    decode_message,
+)
 from .encoding import MessageEncoder
 from .frames import composed
-from .messages import Messages
+from .link import Publisher, Transport
 from .node_settings import NodeSettings
 from .obstacle_sources import (
     LASERSCAN,
@@ -48,12 +57,13 @@ from .path_sources import (
     RouteResult,
     SpinGoal,
 )
-from .priority import set_realtime_priority
 
 LONGEST_PATH = 10_000
 """Points; a longer path is thinned out."""
 MOST_BEAMS, MOST_CELLS = 50_000, 25_000_000
 """Of a scan and of a map that are looked at; larger ones are refused."""
+LOOK = 0.5
+"""s, after which it is looked anew who listens to the commands."""
 PAUSE = 5.0
 """Periods; after a pause that is longer, commands begin at the robot's own velocity again."""
 EXACT = 1e-8
@@ -68,46 +78,6 @@ STANDING = 0.01
 TRAJECTORY = "nav_msgs/msg/Trajectory"
 """A type that ROS 2 has from Lyrical on."""
 _LOG = logging.getLogger("wideberth")
-
-
-class Publisher(Protocol):
-    """Sends messages on a topic."""
-
-    @property
-    def has_subscribers(self) -> bool:
-        """Whether the topic has a subscriber."""
-        ...
-
-    def send(self, message: Any) -> None:
-        """Send a message."""
-        ...
-
-
-class Subscriber(Protocol):
-    """Takes the messages of a topic."""
-
-    kind: str
-    refused: int
-
-    def take(self) -> Iterable[Any]:
-        """Return what has come."""
-        ...
-
-
-class Transport(Protocol):
-    """Makes publishers and subscribers, as `wideberth.ros.dds.Link` does."""
-
-    known: Messages
-
-    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Publisher:
-        """Return a publisher."""
-        ...
-
-    def subscriber(
-        self, topic: str, kind: str, *, reliable: bool = False, kept: bool = False
-    ) -> Subscriber:
-        """Return a subscriber."""
-        ...
 
 
 @final
@@ -135,17 +105,18 @@ class Counts:
 class PlannerNode:
     """Runs a controller beside the messages of a robot.
 
-    `receive`, `plan` and `publish` are one step each of what `run` does at its own rates; none of
-    them raises. Commands start at the robot's own velocity, and each follows from the one before
-    within the robot's limits. Where odometry, obstacles or the controller are silent for longer
-    than `NodeSettings.patience`, or no path is there, the robot brakes to a stand.
+    Messages come by the subscriptions that it makes; `publish` and `decide` are called at the rate
+    of the commands and at the controller's, see `wideberth.ros.managed_node`. None of them raises.
+    Commands start at the robot's own velocity, and each follows from the one before within the
+    robot's limits. Where odometry, obstacles or the controller are silent for longer than
+    `NodeSettings.patience`, or no path is there, the robot brakes to a stand.
 
     Parameters
     ----------
     controller : that drives. robot : its model, in the plane.
     settings : topics and rates.
     link : the network.
-    clock : s, monotonic.
+    clock : s, by which silence is judged. wall : ns, with which messages are stamped.
     """
 
     def __init__(
@@ -155,6 +126,7 @@ class PlannerNode:
         settings: NodeSettings,
         link: Transport,
         clock: Callable[[], float] = time.monotonic,
+        wall: Callable[[], int] = time.time_ns,
     ) -> None:
         if robot.dimension != 2:
             raise WideberthError("a node drives robots in the plane")
@@ -164,7 +136,9 @@ class PlannerNode:
         self.counts: Counts = Counts()
         self.status: str = "waiting for odometry"
         """What it does now, or waits for."""
-        self._clock = clock
+        self.active: bool = True
+        """Whether it may drive; otherwise it brakes to a stand, and is silent then."""
+        self._clock, self._wall = clock, wall
         self._known = link.known
         self._own = OwnMotion(settings.base_frame)
         self._path: Path | None = None
@@ -182,8 +156,10 @@ class PlannerNode:
         fast = attained(robot, still, [Twist((0.0, 0.0), FAST)], 1.0 / settings.rate)[0, 2]
         self._gain: float = settings.rate * float(fast)
         """rad/s^2, by which the robot can turn faster on the spot; 0 where it cannot."""
+        self.odometry_came: threading.Event = threading.Event()
+        """Set with each odometry."""
         self._lock = threading.RLock()
-        self._stop = threading.Event()
+        self._looked = -np.inf
         self._obstacles: ObstacleSource | None = None
         self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None
@@ -194,34 +170,35 @@ class PlannerNode:
         """Open all topics."""
         s = self.settings
         tf = "tf2_msgs/msg/TFMessage"
-        self._from: dict[str, Subscriber] = {
-            "odometry": link.subscriber(s.odometry, "nav_msgs/msg/Odometry"),
-            "tf": link.subscriber("/tf", tf),
-            "tf_static": link.subscriber("/tf_static", tf, reliable=True, kept=True),
-        }
+        self._subscribe(link, "odometry", s.odometry, "nav_msgs/msg/Odometry")
+        self._subscribe(link, "tf", "/tf", tf)
+        self._subscribe(link, "tf_static", "/tf_static", tf, reliable=True, kept=True)
         self._open_obstacles(link)
         self._open_paths(link)
-        kind = "TwistStamped" if s.stamped else "Twist"
         markers = "visualization_msgs/msg/MarkerArray"
+        self._commands = CommandTopic(link, s.commands, s.stamped)
         self._to: dict[str, Publisher] = {
-            "commands": link.publisher(s.commands, f"geometry_msgs/msg/{kind}"),
             "plan": link.publisher("/wideberth/plan", "nav_msgs/msg/Path", kept=True),
             "forecast": link.publisher("/wideberth/forecast", markers, kept=True),
             "regions": link.publisher("/wideberth/regions", markers, kept=True),
             "diagnostics": link.publisher("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
         }
-
         if TRAJECTORY in link.known:
             self._to["trajectory"] = link.publisher("/wideberth/trajectory", TRAJECTORY, kept=True)
+
+    def _subscribe(
+        self, link: Transport, name: str, topic: str, kind: str, **quality: bool
+    ) -> None:
+        link.subscriber(topic, kind, partial(self._receive, name, kind), **quality)
 
     def _open_obstacles(self, link: Transport) -> None:
         """Open the topic of obstacles or scans."""
         sees = self.settings.sees
         if isinstance(sees, ObstacleTopic):
-            self._from["obstacles"] = link.subscriber(sees.topic, sees.kind)
+            self._subscribe(link, "obstacles", sees.topic, sees.kind)
             self._obstacles = TopicSource(sees, self._own, self._lock, self._refuse)
         elif sees is not None:
-            self._from["scans"] = link.subscriber(sees.topic, LASERSCAN)
+            self._subscribe(link, "scans", sees.topic, LASERSCAN)
             walls, gap = avoids_polygons(self.controller), 2.0 * self.robot.radius
             self._obstacles = ScanSource(sees, self._own, gap, walls, self._lock, self._refuse)
 
@@ -229,54 +206,46 @@ class PlannerNode:
         """Open the topics of paths, or of goals and of the map."""
         follows = self.settings.follows
         if isinstance(follows, PathTopic):
-            self._from["path"] = link.subscriber(follows.topic, "nav_msgs/msg/Path", reliable=True)
+            self._subscribe(link, "path", follows.topic, "nav_msgs/msg/Path", reliable=True)
             self._arrival = Arrival(follows.tolerance)
         elif isinstance(follows, GoalTopic):
             pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
-            self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
+            self._subscribe(link, "goal", follows.topic, pose, reliable=True)
             walls = avoids_polygons(self.controller) and not isinstance(
                 self._obstacles, ScanSource
             )
             self._goals = GoalPlanner(follows, self.robot.radius, self.turns_on_the_spot, walls)
             if follows.over is not None and isinstance(follows.over.map, MapTopic):
                 topic = follows.over.map.topic
-                self._from["map"] = link.subscriber(topic, grid, reliable=True, kept=True)
+                self._subscribe(link, "map", topic, grid, reliable=True, kept=True)
 
-    def receive(self) -> None:
-        """Receive all messages that have come."""
-        now = self._clock()
-        for name, source in self._from.items():
-            try:
-                for message in source.take():
-                    self._on_message(name, source.kind, message, now)
-            except Exception as error:  # whatever a message holds, the loop goes on
-                self._refuse(f"{name}: {error}")
-
-    def _on_message(self, name: str, kind: str, message: Any, now: float) -> None:
+    def _receive(self, name: str, kind: str, message: Any) -> None:
+        """Take a message of a topic."""
         try:
-            decoded = decode_message(kind, message)
+            self._take(decode_message(kind, message), self._clock())
         except WideberthError as error:
-            return self._refuse(f"{name}: {error}")
+            self._refuse(f"{name}: {error}")
+        except Exception as error:  # whatever a message holds, the node goes on
+            self._refuse(f"{name}: {type(error).__name__}: {error}")
+
+    def _take(self, decoded: DecodedMessage, now: float) -> None:
         content = decoded.content
+        if isinstance(content, Scan) and len(content.ranges) > MOST_BEAMS:
+            raise WideberthError(f"a scan of {len(content.ranges)} beams is too long")
+        if isinstance(content, OccupancyGrid) and content.cells.size > MOST_CELLS:
+            raise WideberthError(f"a map of {content.cells.size} cells is too large")
         with self._lock:
             if isinstance(content, Transforms):
                 self._own.take_frames(content)
             elif isinstance(content, OdometryMessage):
-                try:
-                    self._own.take(decoded, now)
-                except WideberthError as error:
-                    return self._refuse(str(error))
+                self._own.take(decoded, now)
+                self.odometry_came.set()
             elif isinstance(content, PathMessage):
                 self._take_path(decoded.frame, content.points)
-            elif isinstance(content, Scan) and len(content.ranges) > MOST_BEAMS:
-                return self._refuse(f"a scan of {len(content.ranges)} beams is too long")
-            elif isinstance(content, OccupancyGrid) and content.cells.size > MOST_CELLS:
-                return self._refuse(f"a map of {content.cells.size} cells is too large")
             elif isinstance(content, Goal | OccupancyGrid) and self._goals is not None:
                 self._goals.receive(decoded)
             elif self._obstacles is not None:
                 self._obstacles.receive(decoded, now)
-        return None
 
     def follow(self, frame: str, points: Array) -> bool:
         """Follow a path of points (P, 2) in m of a frame; return whether it can be followed."""
@@ -304,6 +273,11 @@ class PlannerNode:
         """End a turn on the spot: the robot follows its path again."""
         with self._lock:
             self._turn = None
+
+    @property
+    def now(self) -> float:
+        """The time by which silence is judged, s."""
+        return self._clock()
 
     def limit_speed(self, limit: float) -> None:
         """Drive at most so fast from now on, m/s; infinity takes the limit away."""
@@ -347,13 +321,15 @@ class PlannerNode:
 
     def waits_for(self) -> str:
         """Return why the robot may not drive now; "" where it may."""
-        now, patience, own = self._clock(), self.settings.patience, self._own.newest
+        patience, own = self.settings.patience, self._own.newest
+        if not self.active:
+            return "inactive"
         if own is None:
             return "waiting for odometry"
-        if now - own.time > patience:
-            return f"odometry is silent for {now - own.time:.2g} s"
+        if self._since(own.time) > patience:
+            return f"odometry is silent for {self._since(own.time):.2g} s"
         if self._obstacles is not None:
-            what = "obstacles" if "obstacles" in self._from else "scans"
+            what = "scans" if isinstance(self._obstacles, ScanSource) else "obstacles"
             seen, placed, why = (
                 self._obstacles.newest,
                 self._obstacles.placed,
@@ -361,13 +337,17 @@ class PlannerNode:
             )
             if seen is None or (placed is None and not why):
                 return f"waiting for {what}"
-            if now - seen.time > patience:
-                return f"{what} are silent for {now - seen.time:.2g} s"
-            if why and (placed is None or now - placed.time > patience):
+            if self._since(seen.time) > patience:
+                return f"{what} are silent for {self._since(seen.time):.2g} s"
+            if why and (placed is None or self._since(placed.time) > patience):
                 return f"{what} cannot be placed: {why}"
         if self._path is not None or self._turn is not None:
             return ""
         return self._no_route or f"waiting for a {'path' if self._goals is None else 'goal'}"
+
+    def _since(self, time: float) -> float:
+        """Return by how much a time differs from now, s; a clock may have been set back."""
+        return abs(self._clock() - time)
 
     def plan(self) -> bool:
         """Find obstacles and path, call the controller if it may drive; return whether it did."""
@@ -494,22 +474,42 @@ class PlannerNode:
         with self._lock:
             now = self._clock()
             idle = self._path is None and self._turn is None and self._last is None
-            if self._own.newest is None or idle:
+            if self._own.newest is None or idle or (self.stands and not self.active):
                 return False
-            if self._last is None or now - self._sent > PAUSE / self.settings.rate:
+            periods = self._since(self._sent) * self.settings.rate
+            if self._last is None or periods > PAUSE:
                 self._begin(now)
+            else:
+                self.counts.missed += max(round(periods) - 1, 0)
             self._sent = now
-            old = now - self._decided > self.controller.period + self.settings.patience
+            old = self._since(self._decided) > self.controller.period + self.settings.patience
             aim = Twist((0.0, 0.0)) if old or self.waits_for() else self._aim(now)
-            sent = self._next(self._slowed(aim))
-            self._last = sent
-            forward, aside, rate = sent.tolist()
-            frame = self.settings.base_frame
-        encoder = MessageEncoder(0, frame, self._known)
-        message = encoder.command(time.time(), Command((forward, aside), rate), frame)
-        self._to["commands"].send(message if self.settings.stamped else message.twist)
-        self.counts.sent += 1
+            self._last = self._next(self._slowed(aim))
+        self._send(self._last)
         return True
+
+    @property
+    def stands(self) -> bool:
+        """Whether the last velocity was zero, or none was published."""
+        return self._last is None or not self._last.any()
+
+    def stop(self) -> None:
+        """Publish a velocity of zero, if the last one was not."""
+        with self._lock:
+            if not self.stands:
+                self._last = np.zeros(3)
+                self._send(self._last)
+
+    def _send(self, velocity: Array) -> None:
+        """Send a velocity: forward, lateral in m/s, yaw rate in rad/s."""
+        if self._since(self._looked) > LOOK:
+            self._commands.agree()
+            self._looked = self._clock()
+        forward, aside, rate = velocity.tolist()
+        frame = self.settings.base_frame
+        encoder = MessageEncoder(self._wall(), frame, self._known)
+        self._commands.send(encoder.command(0.0, Command((forward, aside), rate), frame))
+        self.counts.sent += 1
 
     def _aim(self, now: float) -> Twist:
         """Return what the controller wants, or the turn on the spot of a robot at its goal.
@@ -564,7 +564,7 @@ class PlannerNode:
         if plan is None or self._own.newest is None:
             return
         encoder = MessageEncoder(
-            time.time_ns() - round(1e9 * plan.stamp), self._own.frame, self._known
+            self._wall() - round(1e9 * plan.stamp), self._own.frame, self._known
         )
         for name, word in (
             ("plan", encoder.plan), ("forecast", encoder.forecast), ("regions", encoder.regions),
@@ -581,57 +581,18 @@ class PlannerNode:
                                                                "failures", "refused")}  # fmt: skip
         if counts.latency:
             numbers["latency median, ms"] = f"{1e3 * float(np.median(counts.latency)):.1f}"
-        well = self.status in (DRIVING, TURNING, ARRIVED)
+        problem = self._commands.problem
+        well = self.status in (DRIVING, TURNING, ARRIVED) and not problem
+        text = f"{self.status}; {problem}" if problem else self.status
+        encoder = MessageEncoder(self._wall(), "", self._known)
         self._to["diagnostics"].send(
-            MessageEncoder(0, "", self._known).diagnostics(
-                time.time(), "wideberth: planner", 0 if well else 1, self.status, numbers
-            )
+            encoder.diagnostics(0.0, "wideberth: planner", 0 if well else 1, text, numbers)
         )
 
-    def run(self, seconds: float = np.inf) -> None:
-        """Receive and publish at the commands' rate; plan beside it, at the controller's rate.
-
-        The controller and the sources of obstacles and paths import and compile first, which may
-        take long.
-
-        Parameters
-        ----------
-        seconds : after which it returns; endless by default, until `stop`.
-        """
-        self._warm_up()
-        planner = threading.Thread(target=self._plan_forever, name="planner", daemon=True)
-        planner.start()
-        priority = self.settings.priority
-        if priority and (reason := set_realtime_priority(priority)):
-            _LOG.warning("node: no real-time priority (%s); commands may be late", reason)
-        period, begin = 1.0 / self.settings.rate, time.monotonic()
-        due, reported = begin, begin
-        try:
-            while not self._stop.is_set() and time.monotonic() - begin < seconds:
-                now = time.monotonic()
-                if now >= due:  # before anything else: to receive may take long
-                    self.publish()
-                    late = int((now - due) / period)
-                    self.counts.missed += late
-                    due += (late + 1) * period
-                self.receive()
-                if now - reported >= 1.0:
-                    self.publish_diagnostics()
-                    reported = now
-                self._stop.wait(max(min(due - time.monotonic(), 0.005), 0.0))
-        finally:
-            self._stop.set()
-            planner.join(timeout=10.0)
-            if priority:
-                set_realtime_priority(0)
-
-    def stop(self) -> None:
-        """Let `run` return."""
-        self._stop.set()
-
-    def _warm_up(self) -> None:
+    def warm_up(self) -> None:
         """Let all that plans import and compile before the first period, not within it."""
-        for warm_up in (self._warm_controller, *self._helpers()):
+        helpers = [one.warm_up for one in (self._obstacles, self._goals) if one is not None]
+        for warm_up in (self._warm_controller, *helpers):
             with suppress(Exception):  # it goes wrong again in `plan`, which says so
                 warm_up()
 
@@ -640,28 +601,15 @@ class PlannerNode:
         self.controller.set_path(Path(np.array([(0.0, 0.0), (1.0, 0.0)])))
         self.controller.reset()
 
-    def _helpers(self) -> list[Callable[[], None]]:
-        """Return what warms up the sources of obstacles and paths."""
-        return [one.warm_up for one in (self._obstacles, self._goals) if one is not None]
-
-    def _plan_forever(self) -> None:
-        """Plan at the controller's rate, as often as it can."""
-        if self.settings.priority:
-            # A planner that waits for the processor while it holds Python's lock would let the
-            # commands wait, whatever their own priority.
-            # Its solver's calls are as urgent as it is; commands go before both.
-            set_realtime_priority(max(self.settings.priority - 1, 1))
-        due = time.monotonic()
-        while not self._stop.is_set():
-            try:
-                if self.plan():
-                    self.publish_plan()
-            except Exception as error:  # the commands go on: they brake when plans grow old
-                self.counts.failures += 1
-                self.status = f"planning failed: {short(str(error))}"
-                _LOG.warning("node: %s", self.status)
-            due = max(due + self.controller.period, time.monotonic())
-            self._stop.wait(max(due - time.monotonic(), 0.001))
+    def decide(self) -> None:
+        """Plan, and publish the plan; what goes wrong is counted, and said in `status`."""
+        try:
+            if self.plan():
+                self.publish_plan()
+        except Exception as error:  # the commands go on: they brake when plans grow old
+            self.counts.failures += 1
+            self.status = f"planning failed: {short(str(error))}"
+            _LOG.warning("node: %s", self.status)
 
 
 def spin_blocked_by(robot: Robot, observation: Observation) -> str:

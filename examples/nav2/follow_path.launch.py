@@ -43,7 +43,7 @@ def generate_launch_description() -> LaunchDescription:
         output="screen",
     )
     planner = ExecuteProcess(
-        cmd=["wideberth", "node", LaunchConfiguration("config"), "--follow-path"],
+        cmd=["wideberth", "node", LaunchConfiguration("config")],
         output="screen",
     )
     arguments = [

@@ -62,6 +62,14 @@ TlsCert = Annotated[Path | None, Option(help="PEM file: our certificate for the 
 TlsKey = Annotated[Path | None, Option(help="PEM file: its key, if not in the same file.")]
 Parquet = Annotated[bool, Option("--parquet", help="Write table.parquet beside table.csv.")]
 
+RosArguments = Annotated[
+    list[str] | None,
+    Argument(
+        help="For ROS: --ros-args -r /odom:=/robot/odom --params-file FILE.",
+        show_default=False,
+    ),
+]
+
 RESULTS = Path("results")
 """Folder of all results that no other is stated for."""
 
@@ -742,19 +750,12 @@ def node(
     seconds: Annotated[
         float | None, Option(help="After which it stops; endless by default.")
     ] = None,
-    follow_path: Annotated[
-        bool, Option("--follow-path", help="Serve Nav2's action FollowPath; needs ROS 2.")
-    ] = False,
+    ros: RosArguments = None,
 ) -> None:
-    """Drive a robot of ROS 2 on the network, without ROS."""
-    from .ros_node import run_node, run_server
+    """Drive a robot of ROS 2: a managed node of rclpy."""
+    from .ros_node import run_node
 
-    if follow_path:
-        if seconds is not None:
-            raise WideberthError("--follow-path serves until ROS shuts down; leave --seconds out")
-        run_server(expanded(file), set_ or [])
-        return
-    run_node(expanded(file), set_ or [], seconds)
+    run_node(expanded(file), set_ or [], ros or [], seconds)
 
 
 @app.command(no_args_is_help=True)
@@ -782,6 +783,14 @@ def bag(
     typer.echo(f"written: {written}")
 
 
+def ros_apart(arguments: list[str]) -> list[str]:
+    """Return arguments with "--" before "--ros-args": what follows is for ROS alone."""
+    if "--ros-args" not in arguments:
+        return arguments
+    place = arguments.index("--ros-args")
+    return [*arguments[:place], "--", *arguments[place:]]
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Enter from the shell: a `WideberthError` becomes one message and exit code 2.
 
@@ -799,7 +808,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     signal.signal(signal.SIGINT, press)
     try:
-        app(args=arguments)
+        app(args=ros_apart(sys.argv[1:] if arguments is None else arguments))
     except WideberthError as error:
         typer.secho(f"Error: {error}", fg="red", err=True)
         sys.exit(2)

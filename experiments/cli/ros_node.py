@@ -2,10 +2,8 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
-from math import inf
 from pathlib import Path
 from typing import Any, final
 
@@ -21,14 +19,10 @@ from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, short
 from ...framework.values.occupancy_grid import OccupancyGrid
 from ...framework.values.polygon import Polygon
-from ...ros.dds import LOOPBACK, Link
-from ...ros.messages import messages
-from ...ros.node import PlannerNode
-from ...ros.node_settings import Dds, NodeSettings, Zenoh
+from ...ros.managed_node import run_planner
+from ...ros.node_settings import NodeSettings
 from ...ros.obstacle_sources import ObstacleTopic, ScanTopic
 from ...ros.path_sources import GoalTopic, KnownMap, MapPlanner, MapTopic, PathTopic
-from ...ros.rclpy_server import serve
-from ...ros.zenoh_link import ZenohLink
 from ...routes.map_file import read_map
 from ...routes.polygons import convex_polygons
 from ...routes.replanning import Replanning
@@ -44,7 +38,7 @@ def read_node(path: Path, overrides: Sequence[str]) -> tuple[Controller, NodeSet
     ----------
     path : a YAML file with ``planner`` (a controller) and ``node`` (see `NodeSettings`); ``robot``
         may hold an anchor.
-    overrides : as in ``node.domain=3``.
+    overrides : as in ``node.rate=10``.
 
     Raises
     ------
@@ -130,7 +124,6 @@ def _outlines(grid: OccupancyGrid) -> tuple[Polygon, ...]:
     return convex_polygons(grid, grid.resolution)
 
 
-WIRES: dict[str, type[Any]] = {"dds": Dds, "zenoh": Zenoh}
 SEES: dict[str, type[Any]] = {"obstacles": ObstacleTopic, "scans": ScanTopic}
 FOLLOWS: dict[str, type[Any]] = {"path": PathTopic, "goal": Goals}
 MAPS: dict[str, type[Any]] = {"topic": MapTopic, "file": MapFile}
@@ -143,8 +136,6 @@ def _settings(path: Path, given: Any) -> NodeSettings:
         raise WideberthError(f"{path}: node is {given!r}; wanted its settings by name")
     given = dict(given)
     try:
-        if "wire" in given:
-            given["wire"] = _of_type(WIRES, given["wire"], "node.wire")
         if given.get("sees") is not None:
             given["sees"] = _of_type(SEES, given["sees"], "node.sees")
         if (follows := given.get("follows")) is not None:
@@ -172,50 +163,19 @@ def _of_type(kinds: Mapping[str, type[Any]], value: Any, path: str) -> Any:
     return construct(kinds[value["type"]], rest, path)
 
 
-def run_node(path: Path, overrides: Sequence[str], seconds: float | None = None) -> PlannerNode:
-    """Run a node until it is stopped; return it.
+def run_node(
+    path: Path,
+    overrides: Sequence[str],
+    arguments: Sequence[str] = (),
+    seconds: float | None = None,
+) -> None:
+    """Run a node until it is stopped.
 
     Parameters
     ----------
-    path, overrides : as of `read_node`. seconds : after which it stops.
-
-    Raises
-    ------
-    WideberthError : as `read_node`, or the network cannot be joined.
-    """
-    planner, settings = read_node(path, overrides)
-    assert isinstance(planner, DrivesRobot)
-    known, wire = messages(settings.distribution), settings.wire
-    link: Link | ZenohLink
-    if isinstance(wire, Zenoh):
-        link, where = ZenohLink(known, settings.domain, wire.router), f"Zenoh at {wire.router}"
-    else:
-        link = Link(known, settings.domain, wire.interface)
-        where = "this computer alone" if wire.interface == LOOPBACK else wire.interface
-    with closing(link):
-        node = PlannerNode(planner, planner.robot, settings, link)
-        say(f"domain {settings.domain}, {where}; {settings.odometry} -> {settings.commands}")
-        begin, used = time.monotonic(), time.process_time()
-        try:
-            node.run(inf if seconds is None else seconds)
-        except KeyboardInterrupt:
-            node.stop()
-    counts = node.counts
-    say(f"{counts.sent} commands, {counts.missed} periods missed, {counts.plans} plans")
-    if counts.latency:
-        middle, high = (1e3 * quantile(counts.latency, share) for share in (0.5, 0.99))
-        say(f"from odometry to the plan's command: median {middle:.0f} ms, 99 % in {high:.0f} ms")
-    share = (time.process_time() - used) / max(time.monotonic() - begin, 1e-9)
-    say(f"processor: {100 * share:.0f} % of one core")
-    return node
-
-
-def run_server(path: Path, overrides: Sequence[str]) -> None:
-    """Serve Nav2's action FollowPath until ROS shuts down; it needs ROS 2 on this computer.
-
-    Parameters
-    ----------
-    path, overrides : as of `read_node`. What it follows otherwise is passed over.
+    path, overrides : as of `read_node`.
+    arguments : for ROS, as in ``["--ros-args", "-r", "/odom:=/robot/odom"]``.
+    seconds : after which it stops; None for never.
 
     Raises
     ------
@@ -223,4 +183,14 @@ def run_server(path: Path, overrides: Sequence[str]) -> None:
     """
     planner, settings = read_node(path, overrides)
     assert isinstance(planner, DrivesRobot)
-    serve(planner, planner.robot, replace(settings, follows=None))
+    begin, used = time.monotonic(), time.process_time()
+    node = run_planner(planner, planner.robot, settings, arguments, seconds)
+    if node is None:
+        return
+    counts = node.counts
+    say(f"{counts.sent} commands, {counts.missed} periods missed, {counts.plans} plans")
+    if counts.latency:
+        middle, high = (1e3 * quantile(counts.latency, share) for share in (0.5, 0.99))
+        say(f"from odometry to the plan's command: median {middle:.0f} ms, 99 % in {high:.0f} ms")
+    share = (time.process_time() - used) / max(time.monotonic() - begin, 1e-9)
+    say(f"processor: {100 * share:.0f} % of one core")

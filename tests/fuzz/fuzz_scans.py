@@ -3,8 +3,7 @@
 A case is a short run whose numbers all come from its seed, so that it can be repeated alone.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from typing import Any
 
@@ -42,6 +41,7 @@ from wideberth.ros.path_sources import GoalTopic, MapPlanner, MapTopic
 from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.helpers.bags import odometry, quaternion, transform, vector
+from wideberth.tests.helpers.network import Network
 from wideberth.tests.helpers.rays import ranges
 
 ROBOT = {"type": "unicycle", "radius": 0.3, "max_yaw_rate": 1.0, "max_yaw_acceleration": 1.0}
@@ -160,40 +160,6 @@ def seen_well(
     return "", ""
 
 
-@dataclass
-class Wire:
-    """A topic of a network that is not there."""
-
-    kind: str
-    refused: int = 0
-    has_subscribers: bool = True
-    come: list[Any] = field(default_factory=list)
-    gone: list[Any] = field(default_factory=list)
-
-    def take(self) -> Iterable[Any]:
-        """Return what has come."""
-        found, self.come = self.come, []
-        return found
-
-    def send(self, message: Any) -> None:
-        """Keep the last message."""
-        self.gone = [message]
-
-
-@dataclass
-class Network:
-    """All topics by name."""
-
-    known: Any = field(default_factory=messages)
-    wires: dict[str, Wire] = field(default_factory=dict)
-
-    def publisher(self, topic: str, kind: str, **_: Any) -> Wire:
-        """Return a topic."""
-        return self.wires.setdefault(topic, Wire(kind))
-
-    subscriber = publisher
-
-
 @cache
 def nodes() -> list[tuple[str, dict[str, Any], Callable[[], Any], Callable[[], Any]]]:
     """Return nodes: what they are, the controller, what they see and what they follow."""
@@ -247,7 +213,7 @@ class Driven:
         self.node = PlannerNode(
             self.controller, self.robot, settings, self.network, lambda: self.now
         )
-        self.node._warm_up()
+        self.node.warm_up()
         self.caught: list[str] = []
         on_message, self.pose = self.node._on_message, np.zeros(3)
 
@@ -392,7 +358,7 @@ class Driven:
 
     def listen(self) -> tuple[str, str]:
         """Let the node listen; what it caught that is no refusal is a fault."""
-        self.node.receive()
+        self.network.deliver()
         if self.caught:
             return "caught", self.caught.pop()
         return "", ""

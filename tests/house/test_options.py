@@ -42,7 +42,6 @@ REASONS: dict[str, str] = {
         ObstacleTopic: deviation kind radius
         PathTopic: tolerance
         ScanTopic: deviation handover
-        Zenoh: router
         """,
     "which seeds a study plays, and how it reads a user's recordings": """
         ClosedLoopRisk: first_seed

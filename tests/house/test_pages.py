@@ -17,7 +17,7 @@ import pytest
 import typer
 
 from wideberth import build, save_plugin
-from wideberth.experiments.cli.app import app
+from wideberth.experiments.cli.app import app, ros_apart
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.planner.rungs import Fallback
@@ -141,7 +141,7 @@ def understood(words: list[str]) -> None:
     elif words[0].startswith(("python", ".")) and words[-1].endswith((".py", "/run")):
         assert (ROOT / words[-1]).is_file(), words
     else:
-        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc")
+        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc", "source")
         assert words[0].startswith(known), f"{words[0]}: check it here"
 
 
@@ -149,7 +149,7 @@ def wideberth(words: list[str]) -> None:
     """Let the command line parse a command, and read the config that it names."""
     group: Any = typer.main.get_command(app)
     command = group.commands[words[0]]
-    given = command.make_context(words[0], words[1:]).params
+    given = command.make_context(words[0], ros_apart(words[1:])).params
     if "config" in given:
         read_experiment(given["config"], list(given.get("set_") or []))
     if words[0] == "check":

@@ -1,10 +1,6 @@
 """A planner on the network: what it does when others fall silent, lie, or come again."""
 
-import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from threading import Thread
-from time import sleep
 from typing import Any
 
 import numpy as np
@@ -19,8 +15,8 @@ from wideberth.ros.node import PlannerNode
 from wideberth.ros.node_settings import NodeSettings
 from wideberth.ros.obstacle_sources import ObstacleTopic, ScanTopic
 from wideberth.ros.path_sources import GoalTopic, MapTopic, PathTopic
-from wideberth.ros.priority import set_realtime_priority
 from wideberth.tests.helpers.bags import header, obstacles, odometry, transform, vector
+from wideberth.tests.helpers.network import Network
 
 pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
 
@@ -28,38 +24,6 @@ ROBOT = Unicycle(radius=0.3, max_yaw_rate=1.0, max_yaw_acceleration=1.0)
 STEP = 0.05
 """s between two commands."""
 EPOCH = 1000.0
-
-
-@dataclass
-class Wire:
-    """A topic of a network that is not there."""
-
-    kind: str
-    refused: int = 0
-    has_subscribers: bool = True
-    come: list[Any] = field(default_factory=list)
-    gone: list[Any] = field(default_factory=list)
-
-    def take(self) -> Iterable[Any]:
-        found, self.come = self.come, []
-        return found
-
-    def send(self, message: Any) -> None:
-        messages().to_bytes(message)
-        self.gone.append(message)
-
-
-@dataclass
-class Network:
-    """All topics by name."""
-
-    known: Any = field(default_factory=messages)
-    wires: dict[str, Wire] = field(default_factory=dict)
-
-    def publisher(self, topic: str, kind: str, **_: Any) -> Wire:
-        return self.wires.setdefault(topic, Wire(kind))
-
-    subscriber = publisher
 
 
 @dataclass
@@ -94,9 +58,14 @@ class Scripted(Controller):
 class Loop:
     """A node with a clock of its own, and a robot that does as it is told."""
 
-    def __init__(self, controller: Scripted | None = None, **settings: Any) -> None:
+    def __init__(
+        self,
+        controller: Scripted | None = None,
+        listened: frozenset[str] = Network.listened,
+        **settings: Any,
+    ) -> None:
         self.now = 5.0
-        self.network = Network()
+        self.network = Network(listened)
         self.controller = controller or Scripted()
         self.node = self.make(settings)
         self.settings = settings
@@ -127,15 +96,21 @@ class Loop:
         stamp = header(self.stamp(), frame)
         self.come("/plan", known.make("nav_msgs/msg/Path", header=stamp, poses=poses))
 
-    def turn(self, *, odom: bool = True, people: bool = True, decide: bool = True) -> Any:
+    def turn(
+        self, *, odom: bool = True, people: bool = True, decide: bool = True, quiet: bool = False
+    ) -> Any:
         """One period; return what was sent, (m/s, rad/s), or None."""
         if odom:
             self.come("/odom", odometry(self.stamp(), (0, 0, 0), self.motion))
         if people:
             self.come("/obstacles", obstacles(self.stamp(), [(5.0, 1.0)], "odom"))
-        self.node.receive()
+        self.network.deliver()
         if decide:
             self.node.plan()
+        if quiet:
+            self.node.publish()
+            self.now += STEP
+            return None
         gone = self.network.wires["/cmd_vel"].gone
         before = len(gone)
         self.node.publish()
@@ -287,7 +262,7 @@ def test_only_one_clock_of_two_jumps() -> None:
     loop.drive(3)
     loop.come("/odom", odometry(EPOCH - 500.0, (0, 0, 0), (0, 0, 0)))
     loop.come("/obstacles", obstacles(EPOCH + loop.now, [(5.0, 1.0)], "odom"))
-    loop.node.receive()
+    loop.network.deliver()
     loop.node.plan()
     assert loop.controller.seen[-1].detections[0].age == 0.0
 
@@ -310,7 +285,7 @@ def test_without_tf_the_odometry_itself_places_what_the_robot_sees() -> None:
     loop.come("/tf_static", transform(EPOCH, "base_link", "lidar", (0.5, 0.0, 0.0)))
     loop.come("/odom", odometry(loop.stamp(), (2.0, 1.0, np.pi / 2), (0, 0, 0)))
     loop.come("/obstacles", obstacles(loop.stamp(), [(1.0, 0.0)], "lidar"))
-    loop.node.receive()
+    loop.network.deliver()
     loop.node.plan()
     np.testing.assert_allclose(
         loop.controller.seen[-1].detections[0].position, (2.0, 2.5), atol=1e-9
@@ -364,7 +339,7 @@ def test_messages_full_of_nonsense_do_not_stop_it() -> None:
             loop.come(topic, known.read(wires[topic].__msgtype__, bytes(data)))
         except WideberthError:
             continue
-        loop.node.receive()
+        loop.network.deliver()
         loop.node.plan()
         loop.node.publish()
     for _ in range(60):  # whatever was said, the right thing is done again
@@ -377,7 +352,7 @@ def test_it_shows_plans_and_says_how_it_is() -> None:
     from wideberth.framework.plugins.yamlfile import shared_settings
 
     planner = build("controllers", shared_settings("recommended") | {"robot": ROBOT})
-    loop = Loop(planner, stamped=False)  # type: ignore[arg-type]
+    loop = Loop(planner, frozenset({PLAIN}))  # type: ignore[arg-type]
     loop.path()
     loop.drive(2)
     loop.node.publish_plan()
@@ -394,13 +369,9 @@ def test_it_shows_plans_and_says_how_it_is() -> None:
 @pytest.mark.parametrize(
     ("given", "cause"),
     [
-        ({"domain": -1}, "node.domain"),
         ({"rate": 0.0}, "node.rate"),
         ({"rate": 1e4}, "at most 200"),
-        ({"distribution": "jazy"}, "did you mean 'jazzy'"),
         ({"odometry": "odom"}, "wanted a topic"),
-        ({"priority": -1}, "node.priority"),
-        ({"priority": 100}, "at most 99"),
     ],
 )
 def test_bad_settings_are_named(given: Any, cause: str) -> None:
@@ -428,12 +399,11 @@ def test_bad_topics_are_named(kind: Any, given: Any, cause: str) -> None:
 
 
 class Noting(Scripted):
-    """A controller that notes what happens to it, and how urgent its thread is."""
+    """A controller that notes what happens to it."""
 
     def __init__(self) -> None:
         super().__init__()
         self.calls: list[str] = []
-        self.policies: list[int] = []
 
     def reset(self) -> None:
         self.calls.append("reset")
@@ -443,52 +413,95 @@ class Noting(Scripted):
 
     def command(self, observation: Observation) -> Command:
         self.calls.append("command")
-        self.policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
         return super().command(observation)
-
-
-def running(controller: Noting, **settings: Any) -> PlannerNode:
-    """Run a node in real time until it has decided; its robot stands still."""
-    loop = Loop(controller, patience=1000.0, **settings)
-    loop.path()
-    loop.come("/odom", odometry(loop.stamp(), (0, 0, 0), (0, 0, 0)))
-    loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "odom"))
-    runner = Thread(target=loop.node.run, args=(60.0,))
-    runner.start()
-    while runner.is_alive() and "command" not in controller.calls:
-        sleep(0.01)
-    loop.node.stop()
-    runner.join(60.0)
-    assert not runner.is_alive()
-    return loop.node
 
 
 def test_the_controller_compiles_before_the_first_period() -> None:
     controller = Noting()
-    running(controller)
+    loop = Loop(controller)
+    loop.node.warm_up()
+    loop.path()
+    loop.turn()
     assert controller.calls[:4] == ["path 1", "reset", "path 9", "command"]
 
 
-@pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="of Linux alone")
-def test_a_priority_is_asked_for_and_its_refusal_is_said(caplog: Any) -> None:
-    reason = set_realtime_priority(1)
-    assert (os.sched_getscheduler(0) != os.SCHED_OTHER) == (reason == "")
-    assert set_realtime_priority(0) == ""
-    assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
-    controller = Noting()
-    running(controller, priority=1)
-    if reason:
-        assert "no real-time priority" in caplog.text and "ulimit -r" in reason
-    assert set(controller.policies) == {os.SCHED_OTHER if reason else os.SCHED_RR}
+PLAIN, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 
 
-def test_a_refused_priority_is_named(monkeypatch: Any) -> None:
-    def refuse(*_: Any) -> None:
-        raise PermissionError(1, "not permitted")
+@pytest.mark.parametrize(
+    ("stamped", "listened", "sent", "problem"),
+    [
+        (None, {PLAIN}, PLAIN, ""),
+        (None, {STAMPED}, STAMPED, ""),
+        (None, {PLAIN, STAMPED}, STAMPED, ""),
+        (True, {PLAIN}, STAMPED, "set stamped to false"),
+        (False, {STAMPED}, PLAIN, "set stamped to true"),
+        (False, set(), PLAIN, "/cmd_vel has no subscriber"),
+        (None, set(), None, "/cmd_vel has no subscriber"),
+    ],
+)
+def test_commands_are_of_the_kind_that_is_taken(
+    stamped: bool | None, listened: set[str], sent: str | None, problem: str
+) -> None:
+    loop = Loop(listened=frozenset(listened), stamped=stamped)
+    loop.path()
+    loop.drive(3) if sent else loop.node.publish()
+    loop.node.publish_diagnostics()
+    assert ("/cmd_vel" in loop.network.wires) == (sent is not None)
+    if sent:
+        assert loop.network.wires["/cmd_vel"].kind == sent
+    (found,) = loop.network.wires["/diagnostics"].gone[0].status
+    assert problem in found.message and (found.level == 1 or not problem)
 
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert "not permitted" in set_realtime_priority(5) and "limits.conf" in set_realtime_priority(
-        5
-    )
-    monkeypatch.delattr(os, "sched_setscheduler")
-    assert "this system" in set_realtime_priority(5)
+
+def test_a_robot_that_comes_later_is_sent_its_kind() -> None:
+    loop = Loop(listened=frozenset())
+    loop.path()
+    for _ in range(3):
+        loop.turn(quiet=True)
+    loop.network.listened = frozenset({PLAIN})
+    for _ in range(15):
+        loop.turn(quiet=True)
+    assert loop.network.wires["/cmd_vel"].kind == PLAIN
+    assert loop.network.wires["/cmd_vel"].gone[-1].linear.x > 0.0
+
+
+def test_an_inactive_node_brakes_to_a_stand_and_is_silent_then() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(40)
+    loop.node.active = False
+    sent = [one for one in (loop.turn() for _ in range(60)) if one is not None]
+    within_limits(np.array(sent), (0.5, 0.0))
+    assert sent[-1] == (0.0, 0.0) and len(sent) < 50 and loop.node.stands
+    loop.node.active = True
+    assert loop.drive(40)[-1] == pytest.approx((0.5, 0.0))
+
+
+def test_a_stop_is_zero_at_once_and_once() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(40)
+    sent = loop.network.wires["/cmd_vel"].gone
+    before = len(sent)
+    loop.node.stop()
+    loop.node.stop()
+    assert len(sent) == before + 1 and sent[-1].twist.linear.x == 0.0
+
+
+def test_time_that_is_set_back_stops_it_for_a_moment_alone() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(40)
+    loop.now -= 3.0
+    sent = loop.drive(60)
+    assert sent[-1] == pytest.approx((0.5, 0.0)) and loop.node.status == "driving"
+
+
+def test_periods_without_a_command_are_counted() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(10)
+    loop.now += 2 * STEP
+    loop.drive(10)
+    assert loop.node.counts.missed == 2

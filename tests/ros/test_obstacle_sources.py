@@ -33,10 +33,11 @@ from wideberth.routes import NavFn
 from wideberth.routes.inflation import Inflation
 from wideberth.routes.polygons import convex_polygons
 from wideberth.routes.replanning import Replanning
-from wideberth.tests.helpers import ros_robot
+from wideberth.tests.helpers import hall as the_hall
 from wideberth.tests.helpers.bags import header, obstacles, odometry, quaternion, transform, vector
+from wideberth.tests.helpers.network import Network
 from wideberth.tests.helpers.rays import ranges
-from wideberth.tests.ros.test_node import EPOCH, ROBOT, Loop, Network, Scripted
+from wideberth.tests.ros.test_node import EPOCH, ROBOT, Loop, Scripted
 
 EXAMPLE = pathlib.Path(__file__).parents[2] / "examples" / "node_scans.yaml"
 ODOMETRY, SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
@@ -459,32 +460,32 @@ class Hall:
         assert isinstance(planner, Planner)
         self.node = PlannerNode(planner, planner.robot, settings, self.network, lambda: self.now)
         self.nearest = np.inf
-        self.come("/tf_static", transform(EPOCH, "map", "odom", (*ros_robot.START, 0.0)))
-        self.come("/tf_static", transform(EPOCH, "base_link", "laser", (ros_robot.MOUNT, 0, 0)))
+        self.come("/tf_static", transform(EPOCH, "map", "odom", (*the_hall.START, 0.0)))
+        self.come("/tf_static", transform(EPOCH, "base_link", "laser", (the_hall.MOUNT, 0, 0)))
         cells = np.zeros((50, 120), np.int8)
         cells[:, [0, -1]] = cells[[0, -1]] = 100
         cells[:26, 50] = 100
         self.come("/map", map_message(made=OccupancyGrid(cells, 0.1)))
-        self.come("/goal_pose", goal(*ros_robot.GOAL, "map"))
+        self.come("/goal_pose", goal(*the_hall.GOAL, "map"))
 
     def come(self, topic: str, message: Any) -> None:
         self.network.wires[topic].come.append(message)
 
     @property
     def place(self) -> np.ndarray:
-        return np.asarray(self.pose[:2] + ros_robot.START)
+        return np.asarray(self.pose[:2] + the_hall.START)
 
     def scan(self, time: float) -> None:
-        step = 2.0 * np.pi / ros_robot.BEAMS
-        turn = -np.pi + step * np.arange(ros_robot.BEAMS)
+        step = 2.0 * np.pi / the_hall.BEAMS
+        turn = -np.pi + step * np.arange(the_hall.BEAMS)
         yaw = self.pose[2]
-        origin = self.place + ros_robot.MOUNT * np.array([np.cos(yaw), np.sin(yaw)])
-        walkers, walls = ros_robot.walkers(time), ros_robot.walls()
-        found = ranges(origin, yaw + turn, walkers, ros_robot.WIDE, walls)
+        origin = self.place + the_hall.MOUNT * np.array([np.cos(yaw), np.sin(yaw)])
+        walkers, walls = the_hall.walkers(time), the_hall.walls()
+        found = ranges(origin, yaw + turn, walkers, the_hall.WIDE, walls)
         found += 0.01 * np.random.default_rng(round(100 * time)).standard_normal(len(found))
         message = messages().make(
             SCAN, header=header(EPOCH + self.now, "laser"), angle_min=-np.pi,
-            angle_max=float(turn[-1]), angle_increment=step, range_max=ros_robot.LONGEST,
+            angle_max=float(turn[-1]), angle_increment=step, range_max=the_hall.LONGEST,
             ranges=np.asarray(found, np.float32),
         )  # fmt: skip
         self.come("/scan", message)
@@ -494,13 +495,13 @@ class Hall:
         begin = self.now
         for k in range(round(seconds / 0.02)):
             time = self.now - begin
-            away = np.linalg.norm(ros_robot.walkers(time) - self.place, axis=1).min()
-            self.nearest = min(self.nearest, float(away) - 2 * ros_robot.WIDE)
+            away = np.linalg.norm(the_hall.walkers(time) - self.place, axis=1).min()
+            self.nearest = min(self.nearest, float(away) - 2 * the_hall.WIDE)
             said = odometry(EPOCH + self.now, self.pose, self.twist, child="base_link")
             self.come("/odom", said)
             if k % 5 == 0:
                 self.scan(time)
-            self.node.receive()
+            self.network.deliver()
             if k % 10 == 0:
                 self.node.plan()
             if k % 2 == 0 and self.node.publish():
@@ -521,7 +522,7 @@ def test_the_shipped_example_drives_through_a_hall(seconds: float) -> None:
     assert hall.nearest > 0.3 and hall.node.counts.failures == 0
     assert np.linalg.norm(hall.pose[:2]) > 0.05
     if seconds > 30.0:
-        assert np.linalg.norm(hall.place - ros_robot.GOAL) < 0.5
+        assert np.linalg.norm(hall.place - the_hall.GOAL) < 0.5
         assert hall.node.status == "waiting for a goal"
 
 
@@ -673,7 +674,7 @@ def test_the_planner_itself_keeps_out_of_the_walls_of_a_map(told: bool) -> None:
     network.wires["/goal_pose"].come.append(goal(6.5, 1.0))
     for k in range(180):
         network.wires["/odom"].come.append(odometry(EPOCH + now, pose, twist))
-        node.receive()
+        network.deliver()
         if k % 4 == 0:
             node.plan()
         if node.publish():
@@ -785,7 +786,7 @@ def test_those_who_see_and_find_the_way_warm_up_before_the_first_period() -> Non
 
     follows = GoalTopic(over=MapPlanner(MapTopic(), Asked()))
     loop = Seeing(sees=ScanTopic(detector=detector), follows=follows)
-    loop.node._warm_up()
+    loop.node.warm_up()
     assert sum(detector.looks) == 3 and len(asked) == 1
     loop.come("/tf", transform(EPOCH, "map", "odom", (0.5, 2.0, 0.0)))
     loop.come("/map", map_message())

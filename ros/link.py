@@ -1,0 +1,215 @@
+"""Topics of a node of rclpy: messages are made, sent and received as ROS 2's own classes."""
+
+import array
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from typing import Any, Protocol, final
+
+import numpy as np
+
+from ..framework.plugins.registry import unknown
+from ..framework.values.errors import WideberthError
+from .encoding import MessageTypes
+
+QUEUE = 10
+"""Messages that wait to be sent or taken, as by default in ROS 2."""
+Take = Callable[[Any], None]
+"""Called with each message that comes."""
+
+
+class Publisher(Protocol):
+    """Sends messages on a topic."""
+
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether the topic has a subscriber."""
+        ...
+
+    def send(self, message: Any) -> None:
+        """Send a message."""
+        ...
+
+
+class Transport(Protocol):
+    """Makes publishers and subscribers."""
+
+    known: MessageTypes
+
+    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Publisher:
+        """Return a publisher.
+
+        Parameters
+        ----------
+        topic : as in "/odom". kind : type of its messages, as in "nav_msgs/msg/Path".
+        kept : whether those who join later are given the last message too.
+        """
+        ...
+
+    def subscriber(
+        self, topic: str, kind: str, take: Take, *, reliable: bool = False, kept: bool = False
+    ) -> None:
+        """Subscribe to a topic.
+
+        Parameters
+        ----------
+        topic, kind : as of `publisher`. take : called with each message.
+        reliable : whether a lost message is sent again; a publisher that does not offer that is
+            then not matched.
+        kept : whether to ask for the last messages of before; a publisher that does not keep them
+            is then not matched.
+        """
+        ...
+
+    def listeners(self, topic: str) -> frozenset[str]:
+        """Return the types of messages that the subscribers of a topic take."""
+        ...
+
+
+def ros(module: str) -> Any:
+    """Return a module of ROS 2.
+
+    Raises
+    ------
+    WideberthError : there is none for this Python.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise WideberthError(
+            f"{module} of ROS 2 is not found ({error}); run `source /opt/ros/DISTRIBUTION/"
+            "setup.bash` first, with the Python of that ROS; or pip install 'wideberth[ros]'; or, "
+            "where the two need different Pythons, see --relay"
+        ) from None
+
+
+@cache
+def message_class(kind: str) -> Any:
+    """Return a class of messages, as nav_msgs.msg.Path for "nav_msgs/msg/Path".
+
+    Where the installation lacks its package it is compiled, see `wideberth.ros.interfaces`.
+
+    Raises
+    ------
+    WideberthError : there is no such type.
+    """
+    package, folder, name = kind.split("/")
+    try:
+        module = import_module(f"{package}.{folder}")
+    except ImportError:
+        from .interfaces import provide
+
+        provide([package])
+        module = ros(f"{package}.{folder}")
+    if not hasattr(module, name):
+        raise WideberthError(unknown(f"message of {package}", name, dir(module)))
+    return getattr(module, name)
+
+
+@final
+class RosMessages:
+    """The message types of the ROS 2 that is installed."""
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a type of this name, as in ``"nav_msgs/msg/Path"``."""
+        try:
+            return bool(message_class(name))
+        except WideberthError:
+            return False
+
+    def make(self, name: str, /, **given: Any) -> Any:
+        """Return a message; what is not given is zero, empty or False.
+
+        Parameters
+        ----------
+        name : of its type. given : its fields; arrays are taken to the kind of theirs.
+
+        Raises
+        ------
+        WideberthError : no such type.
+        AssertionError, TypeError : a field that does not fit.
+        """
+        message = message_class(name)()
+        for field, value in given.items():
+            setattr(message, field, _fitting(value, getattr(message, field)))
+        return message
+
+
+def _fitting(value: Any, blank: Any) -> Any:
+    """Return a value as the kind that a field of a message wants, by its blank value."""
+    if isinstance(blank, array.array):
+        return array.array(blank.typecode, np.asarray(value).astype(blank.typecode).tobytes())
+    if isinstance(blank, np.ndarray):
+        return np.asarray(value).astype(blank.dtype).reshape(blank.shape)
+    if isinstance(blank, bytes):
+        return bytes([value])
+    if isinstance(blank, float | int | bool):
+        return type(blank)(value)
+    return value
+
+
+@final
+class RosLink:
+    """Publishers and subscribers of a node of rclpy.
+
+    Parameters
+    ----------
+    node : of rclpy.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self.known: MessageTypes = RosMessages()
+        self._node = node
+        self._made: list[tuple[Callable[[Any], Any], Any]] = []
+
+    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Publisher:
+        """Return a publisher, see `Transport.publisher`."""
+        quality = _quality(True, kept, 1 if kept else QUEUE)
+        made = self._node.create_publisher(message_class(kind), topic, quality)
+        self._made.append((self._node.destroy_publisher, made))
+        return _RosPublisher(made)
+
+    def subscriber(
+        self, topic: str, kind: str, take: Take, *, reliable: bool = False, kept: bool = False
+    ) -> None:
+        """Subscribe to a topic, see `Transport.subscriber`."""
+        quality = _quality(reliable or kept, kept, QUEUE)
+        made = self._node.create_subscription(message_class(kind), topic, take, quality)
+        self._made.append((self._node.destroy_subscription, made))
+
+    def listeners(self, topic: str) -> frozenset[str]:
+        """Return the types of messages that the subscribers of a topic take."""
+        topic = self._node.resolve_topic_name(topic)
+        found = self._node.get_subscriptions_info_by_topic(topic)
+        return frozenset(str(one.topic_type) for one in found)
+
+    def close(self) -> None:
+        """Take all publishers and subscribers away."""
+        for destroy, made in self._made:
+            destroy(made)
+        self._made.clear()
+
+
+def _quality(reliable: bool, kept: bool, depth: int) -> Any:
+    """Return the quality of service of a topic."""
+    its = ros("rclpy.qos")
+    return its.QoSProfile(
+        depth=depth,
+        reliability=(
+            its.ReliabilityPolicy.RELIABLE if reliable else its.ReliabilityPolicy.BEST_EFFORT
+        ),
+        durability=its.DurabilityPolicy.TRANSIENT_LOCAL if kept else its.DurabilityPolicy.VOLATILE,
+    )
+
+
+@final
+class _RosPublisher:
+    def __init__(self, publisher: Any) -> None:
+        self._publisher = publisher
+
+    @property
+    def has_subscribers(self) -> bool:
+        return bool(self._publisher.get_subscription_count())
+
+    def send(self, message: Any) -> None:
+        self._publisher.publish(message)

@@ -1,0 +1,192 @@
+"""Following a path to its end, with the results of Nav2's action FollowPath."""
+
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from wideberth import Path as WorldPath
+from wideberth import WideberthError
+from wideberth.experiments.cli.app import main
+from wideberth.experiments.cli.ros_node import read_node
+from wideberth.ros.following import Follower, Following, ResultCode
+from wideberth.ros.link import ros
+from wideberth.ros.node import TURNING
+from wideberth.tests.helpers.bags import odometry
+from wideberth.tests.ros.test_node import Loop, Scripted
+
+pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+
+WAY = np.array([[0.0, 0.0], [3.0, 0.0]])
+
+
+def follower(loop: Loop, **settings: float) -> Follower:
+    loop.turn()
+    made = Follower(loop.node, Following(**settings), loop.now)
+    assert made.begin("odom", WAY) is None
+    return made
+
+
+def until_it_ends(loop: Loop, one: Follower, most: float = 60.0, **how: bool) -> Any:
+    """Drive along x as told until the path has ended; return how, and where."""
+    x, begin = 0.0, loop.now
+    while loop.now - begin < most:
+        loop.come("/odom", odometry(loop.stamp(), (x, 0, 0), loop.motion))
+        loop.turn(odom=False, **how)
+        x += 0.05 * loop.motion[0]
+        end = one.step(loop.now)
+        if end is not None:
+            return end, x
+    return None, x
+
+
+class Arriving(Scripted):
+    """Drives as fast as it can still stop at x = 3 m."""
+
+    def command(self, observation: Any) -> Any:
+        ahead = max(3.0 - float(observation.state[0]), 0.0)
+        self.speed = min(0.5, 0.6 * ahead)
+        return super().command(observation)
+
+
+def test_a_path_is_followed_to_its_end() -> None:
+    loop = Loop(Arriving(), follows=None)
+    end, x = until_it_ends(loop, follower(loop))
+    assert end.code is ResultCode.NONE and 2.75 <= x <= 3.0
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"speed": 0.0}, ResultCode.FAILED_TO_MAKE_PROGRESS),
+        ({"raises": True}, ResultCode.NO_VALID_CONTROL),
+    ],
+)
+def test_a_path_is_given_up(change: dict[str, Any], code: ResultCode) -> None:
+    loop = Loop(Scripted(**change), follows=None)
+    begin = loop.now
+    end, _ = until_it_ends(loop, follower(loop))
+    assert end.code is code
+    assert loop.now - begin < 10.6 if code is ResultCode.FAILED_TO_MAKE_PROGRESS else 2.6
+
+
+def test_silence_is_a_time_out() -> None:
+    for how in ({"people": False}, {"decide": False}):
+        loop = Loop(follows=None)
+        begin = loop.now
+        end, _ = until_it_ends(loop, follower(loop), **how)
+        assert end.code is ResultCode.CONTROLLER_TIMED_OUT and loop.now - begin < 3.2, how
+
+
+def test_paths_that_cannot_be_followed_are_refused() -> None:
+    loop = Loop(follows=None)
+    made = Follower(loop.node, Following(), loop.now)
+    assert made.begin("odom", WAY).code is ResultCode.TF_ERROR  # type: ignore[union-attr]
+    loop.turn()
+    for frame, points in (("moon", WAY), ("odom", WAY[:1]), ("odom", np.full((2, 2), np.nan))):
+        assert made.begin(frame, points).code is ResultCode.INVALID_PATH  # type: ignore[union-attr]
+    with pytest.raises(WideberthError, match=r"following\.tolerance"):
+        Following(tolerance=0.0)
+
+
+ROUND = WorldPath(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 0.0]]))
+"""Passes its own end after 2 m."""
+
+
+@pytest.mark.parametrize("heading", [np.nan, 1.0])
+def test_a_path_that_passes_its_own_end_is_followed_to_its_end(heading: float) -> None:
+    loop = Loop(follows=None)
+    loop.turn()
+    one = Follower(loop.node, Following(), loop.now)
+    assert one.begin("odom", ROUND.points, heading) is None
+    arcs = np.arange(0.0, ROUND.length, 0.025)
+    for arc in arcs:
+        stands = 41 if min(abs(arc - 2.0), abs(arc - 4.0)) < 1e-9 else 1
+        for _ in range(stands):
+            speed = 0.5 if stands == 1 else 0.0
+            place = ROUND.at(np.array(arc))
+            odom = odometry(loop.stamp(), (*place, 0.0), (speed, 0.0, 0.0))
+            loop.come("/odom", odom)
+            loop.turn(odom=False)
+            end = one.step(loop.now)
+            assert end is None and (loop.node.status == "driving" or arc > ROUND.length - 0.3), arc
+    for _ in range(2):
+        loop.come("/odom", odometry(loop.stamp(), (2.0, 0.1, 1.0), (0.0, 0.0, 0.0)))
+        loop.turn(odom=False)
+        end = one.step(loop.now)
+    assert end is not None and end.code is ResultCode.NONE
+
+
+def test_a_robot_that_has_passed_the_end_is_not_there() -> None:
+    loop = Loop(follows=None)
+    loop.turn()
+    one = Follower(loop.node, Following(), loop.now)
+    assert one.begin("odom", WAY, 1.0) is None
+    for x in (2.0, 2.5, 2.9, 3.4, 3.6, 5.0):
+        speed = 0.5 if x < 5.0 else 0.0
+        loop.come("/odom", odometry(loop.stamp(), (x, 0.0, 0.0), (speed, 0.0, 0.0)))
+        loop.turn(odom=False)
+        assert one.step(loop.now) is None
+        loop.node.plan()
+        assert (loop.node.status == TURNING) == (x in (2.9, 3.4)), x
+
+
+def test_a_limit_of_speed_keeps_the_curve() -> None:
+    loop = Loop(Scripted(speed=0.5, rate=0.4), follows=None)
+    follower(loop)
+    assert loop.drive(60)[-1] == pytest.approx((0.5, 0.4))
+    loop.node.limit_speed(0.25)
+    assert loop.drive(60)[-1] == pytest.approx((0.25, 0.2))
+    loop.node.limit_speed(float("inf"))
+    assert loop.drive(60)[-1] == pytest.approx((0.5, 0.4))
+
+
+def test_without_ros_one_line_says_what_to_do() -> None:
+    with pytest.raises(WideberthError, match=r"rclpy of ROS 2 is not found.*setup\.bash"):
+        ros("rclpy")
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "nav2"
+
+
+def test_the_launch_file_starts_our_node_in_the_place_of_nav2s(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def made(**given: Any) -> Any:
+        return SimpleNamespace(**given)
+
+    for name, content in (
+        ("launch", {"LaunchDescription": lambda entries: entries}),
+        ("launch.actions", {"DeclareLaunchArgument": lambda name, **given: made(**given),
+                            "ExecuteProcess": made}),
+        ("launch.substitutions", {"LaunchConfiguration": lambda name: f"<{name}>"}),
+        ("launch_ros.actions", {"Node": made}),
+    ):  # fmt: skip
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    found = runpy.run_path(str(EXAMPLES / "follow_path.launch.py"))[
+        "generate_launch_description"
+    ]()
+    commands = [one.cmd for one in found if hasattr(one, "cmd")]
+    assert commands == [["wideberth", "node", "<config>"]]
+    nodes = {one.executable for one in found if hasattr(one, "executable")}
+    assert "controller_server" not in nodes and "bt_navigator" in nodes
+    params = yaml.safe_load((EXAMPLES / "nav2_params.yaml").read_text())
+    configured = set(params) - {"global_costmap"}
+    assert configured <= nodes
+    costmap = params["global_costmap"]["global_costmap"]["ros__parameters"]
+    planner, _ = read_node(EXAMPLES.parent / "node.yaml", [])
+    assert costmap["robot_radius"] == planner.robot.radius  # type: ignore[attr-defined]
+
+
+def test_the_command_needs_ros(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--ros-args", "-r", "/odom:=/robot/odom"]
+    with pytest.raises(SystemExit) as stop:
+        main(["node", str(EXAMPLES.parent / "node.yaml"), *words])
+    assert stop.value.code == 2 and "rclpy of ROS 2 is not found" in capsys.readouterr().err
