@@ -240,7 +240,7 @@ class _Package:
             for folder in (prefix / "lib", *prefix.glob("lib/*-linux-gnu"))
         ]
         linked = [path for folder in folders for kind in _LINKED for path in folder.glob(kind)]
-        command: list[str | Path] = [
+        command: list[object] = [
             *("cc", "-shared", "-fPIC", "-O1", "-w", "-DNDEBUG"),
             *("-o", work / "whole" / self.name / name, f"-Wl,-soname,{name}"),
             *(f"-I{folder}" for folder in included),
@@ -248,7 +248,7 @@ class _Package:
             *("-Wl,--as-needed", *linked, "-lstdc++"),
             *(f"-Wl,-rpath,{folder}" for folder in folders),
         ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
         if done.returncode:
             raise WideberthError(
                 f"the messages of {self.name} cannot be compiled, by cc: "
