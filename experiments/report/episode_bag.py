@@ -39,7 +39,7 @@ def write_episode_bag(
 
     Raises
     ------
-    WideberthError : no episode, a folder that exists, or the extra ``ros`` is not
+    WideberthError : no episode, a folder that exists, or the extra ``bags`` is not
         installed.
     """
     log = read_episode(episode)

@@ -44,7 +44,7 @@ class TrackFile:
     Parameters
     ----------
     path : of a text file, or of a recording of ROS 2 (a folder of rosbag2, or its .mcap or .db3;
-        extra ``ros``), relative to the working folder; ``shipped:crowd.txt`` and
+        extra ``bags``), relative to the working folder; ``shipped:crowd.txt`` and
         ``shipped:robot.txt`` are the synthetic recordings that come with the package.
     dt : s. Of ``frame id x y`` the time between rows, which the file does not hold; a log of
         ``time x y theta`` and a recording of ROS 2 are resampled to it.

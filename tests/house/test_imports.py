@@ -23,7 +23,7 @@ ROOMS = {
 }
 HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
-    "numba", "mujoco", "rosbags", "cyclonedds", "zenoh",
+    "numba", "mujoco", "rosbags", "rclpy",
 }  # fmt: skip
 COMPILED = ROOT / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a

@@ -99,16 +99,21 @@ def test_public_names_are_there() -> None:
     assert f"\nversion: {wideberth.__version__}\n" in citation
 
 
-def test_lock_names_every_dependency_and_no_address() -> None:
-    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    assert "://" not in text and "--index" not in text
-    locked = {name.lower() for name in re.findall(r"^([\w.-]+)==", text, re.MULTILINE)}
-    project = SETTINGS["project"]
-    extras = project["optional-dependencies"].values()
-    wanted = [*project["dependencies"], *(name for extra in extras for name in extra)]
-    for requirement in wanted:
-        name = re.match(r"[\w-]+", requirement)[0].lower()  # type: ignore[index]
-        assert name in locked, f"{name}: run make lock"
+def test_locks_name_every_dependency_and_no_address() -> None:
+    own = {"ros": ROOT / "tests/ros/kilted.lock", "ros-jazzy": ROOT / "tests/ros/jazzy.lock"}
+    every, extras = ROOT / "requirements.lock", SETTINGS["project"]["optional-dependencies"]
+    named = {every: list(SETTINGS["project"]["dependencies"])}
+    for extra, names in extras.items():
+        named.setdefault(own.get(extra, every), []).extend(names)
+    assert set(named) == {every, *own.values()}
+    for lock, wanted in named.items():
+        text = lock.read_text(encoding="utf-8")
+        assert "://" not in text and "--index" not in text
+        locked = {name.lower() for name in re.findall(r"^([\w.-]+)==", text, re.MULTILINE)}
+        for requirement in wanted:
+            name = re.match(r"[\w-]+", requirement)[0].lower()  # type: ignore[index]
+            assert name in locked, f"{name}: run make lock"
+        assert lock != every or not any(name.startswith("ros-") for name in locked)
 
 
 def test_licence_is_whole() -> None:

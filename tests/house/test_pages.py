@@ -136,7 +136,7 @@ def understood(words: list[str]) -> None:
         assert words[1] in targets, words
     elif words[0] == "pip":
         extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-        for extra in re.findall(r"\[([\w,]+)\]", " ".join(words)):
+        for extra in re.findall(r"\[([\w,-]+)\]", " ".join(words)):
             assert set(extra.split(",")) <= set(extras["optional-dependencies"]), words
     elif words[0].startswith(("python", ".")) and words[-1].endswith((".py", "/run")):
         assert (ROOT / words[-1]).is_file(), words

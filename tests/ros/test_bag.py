@@ -21,7 +21,7 @@ from wideberth.tests.helpers.bags import (
     write_bag,
 )
 
-pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+pytest.importorskip("rosbags", reason="pip install 'wideberth[bags]'")
 
 START = 1_700_000_000.0
 """s, of the stamps."""

@@ -30,7 +30,7 @@ from wideberth.ros.bag_writer import STORAGES, BagWriter
 from wideberth.ros.encoding import MessageEncoder
 from wideberth.ros.messages import DISTRIBUTIONS, messages
 
-pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+pytest.importorskip("rosbags", reason="pip install 'wideberth[bags]'")
 
 EPOCH = 10**18
 POLICIES: dict[str, dict[str, int]] = {

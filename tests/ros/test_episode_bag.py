@@ -23,7 +23,7 @@ from wideberth.ros.messages import messages
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.tests.helpers import player_samples
 
-pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+pytest.importorskip("rosbags", reason="pip install 'wideberth[bags]'")
 
 
 @pytest.fixture(scope="module")

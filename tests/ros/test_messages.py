@@ -14,7 +14,7 @@ from wideberth import WideberthError
 from wideberth.ros.definitions import ACTIONS, DEFINITIONS
 from wideberth.ros.messages import DISTRIBUTIONS, Messages, messages
 
-pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+pytest.importorskip("rosbags", reason="pip install 'wideberth[bags]'")
 
 PUBLISHED = {
     "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
@@ -282,7 +282,7 @@ def test_bad_input_is_refused_by_name() -> None:
 
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    with pytest.raises(WideberthError, match=r"pip install .* -e '\.\[ros\]'"):
+    with pytest.raises(WideberthError, match=r"pip install .* -e '\.\[bags\]'"):
         Messages()
 
 
