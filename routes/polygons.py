@@ -1,12 +1,18 @@
-"""Convex polygons that cover the occupied cells of a map: walls for the MPC."""
+"""Convex polygons that cover the occupied cells of a map, walls for the MPC; and the way back."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 
 import numpy as np
 
 from ..framework.values.arrays import Array, BoolArray, positive, whole
-from ..framework.values.occupancy_grid import OCCUPIED_CELL, UNKNOWN_CELL, OccupancyGrid
+from ..framework.values.occupancy_grid import (
+    FREE_CELL,
+    OCCUPIED_CELL,
+    UNKNOWN_CELL,
+    OccupancyGrid,
+)
 from ..framework.values.polygon import MOST_CORNERS, Polygon, convex_parts
 
 Ring = list[int]
@@ -62,6 +68,39 @@ def convex_polygons(
         Polygon(tuple(map(tuple, grid.origin + grid.resolution * part)), f"wall {i}")
         for i, part in enumerate(found)
     )
+
+
+def grid_of_polygons(
+    polygons: Sequence[Polygon], places: Array, beyond: float, resolution: float
+) -> OccupancyGrid:
+    """Return the map on which polygons stand; a cell is free only if none is in it.
+
+    Parameters
+    ----------
+    polygons : what stands there. places : (K, 2), m, that the map shows beside them.
+    beyond : m, by which it reaches beyond them all. resolution : m, of its cells.
+
+    Examples
+    --------
+    >>> wall = Polygon([[0.25, 0.25], [0.75, 0.25], [0.75, 0.75], [0.25, 0.75]])
+    >>> grid = grid_of_polygons([wall], np.array([[3.0, 1.0]]), 0.25, 0.5)
+    >>> grid
+    OccupancyGrid(7 x 3 cells of 0.5 m from (0, 0))
+    >>> grid.cells[:2].tolist()
+    [[100, 100, 0, 0, 0, 0, 0], [100, 100, 0, 0, 0, 0, 0]]
+    """
+    import shapely
+
+    points = np.concatenate([places, *(one.points for one in polygons)])
+    low = points.min(axis=0) - beyond
+    height, width = np.ceil((points.max(axis=0) + beyond - low) / resolution)[::-1]
+    rows, columns = np.mgrid[: int(height), : int(width)]
+    x, y = low[:, None, None] + resolution * (np.stack([columns, rows]) + 0.5)
+    shapes = shapely.union_all([shapely.Polygon(one.points) for one in polygons])
+    with np.errstate(invalid="ignore"):  # NaN where there are none
+        taken = shapely.distance(shapely.points(x, y), shapes) <= resolution / np.sqrt(2.0)
+    cells = np.where(taken, OCCUPIED_CELL, FREE_CELL)
+    return OccupancyGrid(cells, resolution, (float(low[0]), float(low[1])))
 
 
 def outlines(occupied: BoolArray) -> list[list[Array]]:

@@ -68,12 +68,22 @@ class Rays:
         """
         angle = 2.0 * np.pi / beams * np.arange(beams)
         directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        near = (np.abs(centres) <= FARTHEST).all(axis=1) & (radii <= FARTHEST)
-        ranges = np.minimum(
-            _to_discs(directions, centres[near] - origin, radii[near]),
-            _to_edges(directions, origin, polygons),
-        )
+        ranges = ranges_along(origin, directions, centres, radii, polygons)
         return cls(origin, directions, np.where(ranges <= longest, ranges, inf), longest)
+
+
+def ranges_along(
+    origin: Array, directions: Array, centres: Array, radii: Array, polygons: Sequence[Polygon]
+) -> Array:
+    """Return how far rays in some directions are free, (B,), m; arguments as of `Rays.cast`.
+
+    Parameters
+    ----------
+    directions : (B, 2), unit vectors.
+    """
+    near = (np.abs(centres) <= FARTHEST).all(axis=1) & (radii <= FARTHEST)
+    discs = _to_discs(directions, centres[near] - origin, radii[near])
+    return np.minimum(discs, _to_edges(directions, origin, polygons))
 
 
 def _to_discs(directions: Array, centres: Array, radii: Array) -> Array:

@@ -8,11 +8,12 @@ import numpy as np
 
 from ...framework.route_planner import RoutePlanner
 from ...framework.values.arrays import Array, positive
-from ...framework.values.costmap import FREE_SPACE, LETHAL, Costmap
+from ...framework.values.costmap import Costmap
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ...routes.inflation import Inflation
+from ...routes.polygons import grid_of_polygons
 from ..engine.agents import Bystander, RobotAgent, ScriptedAgent
 from .base import Placement, Range, Scenario, checked_range, draw
 from .crossing import Crossing
@@ -143,18 +144,7 @@ class Furnished(Scenario):
 
     def costmap(self, places: Array) -> Costmap:
         """Return the inflated costs of the walls, over all walls and places (K, 2), m."""
-        import shapely
-
-        points = np.concatenate([places, *(wall.points for wall in self.walls)])
-        low = points.min(axis=0) - BEYOND
-        height, width = np.ceil((points.max(axis=0) + BEYOND - low) / self.resolution)[::-1]
-        rows, columns = np.mgrid[: int(height), : int(width)]
-        x, y = low[:, None, None] + self.resolution * (np.stack([columns, rows]) + 0.5)
-        shapes = shapely.union_all([shapely.Polygon(wall.points) for wall in self.walls])
-        away = shapely.distance(shapely.points(x, y), shapes)
-        taken = away <= self.resolution / np.sqrt(2.0)
-        cells = np.where(taken, LETHAL, FREE_SPACE).astype(np.uint8)
-        bare = Costmap(cells, self.resolution, (float(low[0]), float(low[1])))
+        bare = Costmap.from_grid(grid_of_polygons(self.walls, places, BEYOND, self.resolution))
         return Inflation(self.room, self.room + SLOPE).inflated(bare)
 
     def _route(self, one: Placement, costmap: Costmap) -> Path:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from wideberth import OccupancyGrid, WideberthError
 from wideberth.framework.values.polygon import MOST_CORNERS, Polygon
-from wideberth.routes.polygons import convex_polygons, outlines
+from wideberth.routes.polygons import convex_polygons, grid_of_polygons, outlines
 
 
 def grid_of(occupied: np.ndarray, resolution: float = 0.25) -> OccupancyGrid:
@@ -129,3 +129,23 @@ def test_bad_input_is_refused() -> None:
         convex_polygons(grid, -1.0)
     with pytest.raises(WideberthError, match="lethal_threshold is 0"):
         convex_polygons(grid, 0.1, lethal_threshold=0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(masks, st.sampled_from([0.06, 0.25, 0.4]))
+def test_the_way_back_covers_the_polygons_and_no_more_than_a_cell_around_them(
+    mask: list[list[bool]], resolution: float
+) -> None:
+    rows = np.array([row[: len(mask[0])] for row in mask])
+    walls = convex_polygons(grid_of(rows), 0.0)
+    corner = np.array([[-2.0, 3.0]])
+    grid = grid_of_polygons(walls, corner, 0.5, resolution)
+    together = shapely.union_all([shapely.Polygon(one.points) for one in walls])
+    assert shapely.difference(together, covered(grid)).area < 1e-9
+    reach = shapely.buffer(together, 1.5 * resolution)
+    assert shapely.difference(covered(grid), reach).area < 1e-9
+    low, high = (
+        np.array(grid.origin),
+        np.array(grid.origin) + resolution * np.array(grid.cells.shape[::-1]),
+    )
+    assert low == pytest.approx([-2.5, 2.5]) and (high >= corner[0] + 0.5 - 1e-9).all()
