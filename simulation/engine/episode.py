@@ -10,7 +10,7 @@ from functools import partial
 from itertools import count
 from math import ceil
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -146,6 +146,27 @@ def watched(watcher: "Callable[[Run], None]") -> Iterator[None]:
         _WATCHER.reset(before)
 
 
+Casting: TypeAlias = Callable[["Run", Sequence[RobotAgent]], Sequence[RobotAgent]]
+"""Takes a run that is about to begin, and those who decide in it; returns who decides instead."""
+_CASTING: ContextVar[Casting | None] = ContextVar("casting", default=None)
+
+
+@contextmanager
+def recast(casting: Casting) -> Iterator[None]:
+    """Let a function replace those who decide in the episodes that begin in this block.
+
+    Parameters
+    ----------
+    casting : is called before each episode begins; of the run it may read the settings and seed,
+        and keep it. Names and places of the agents stay.
+    """
+    before = _CASTING.set(casting)
+    try:
+        yield
+    finally:
+        _CASTING.reset(before)
+
+
 def run_episode(
     robots: Sequence[RobotAgent],
     settings: Settings | None = None,
@@ -201,13 +222,15 @@ class Run:
         polygons: Sequence[Polygon],
         world: World | None = None,
     ) -> None:
+        self.settings = settings
+        self.seed: int = whole("seed", seed, least=0)
+        if (casting := _CASTING.get()) is not None:
+            robots = casting(self, robots)
         check_cast(robots, others, changes, polygons)
         self.polygons: tuple[Polygon, ...] = tuple(
             one if one.name else replace(one, name=f"polygon {i}")
             for i, one in enumerate(polygons, start=1)
         )
-        self.settings = settings
-        self.seed: int = whole("seed", seed, least=0)
         self.clock: list[float] = [0.0]
         self.world: World = ExchangedPositions(settings) if world is None else world
         self.others: list[Bystander] = [*others, *self.world.others()]
