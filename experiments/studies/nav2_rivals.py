@@ -115,6 +115,7 @@ class Nav2Rivals(SeededStudy):
     places, limits, views, controllers : by name.
     tracker : forecasts whose velocities TEB receives; the other rivals receive positions.
     baseline : controller that the others are compared with.
+    partners : controllers that are compared with another one instead, by name.
     show : seeds whose episodes are kept and drawn.
     """
 
@@ -143,14 +144,21 @@ class Nav2Rivals(SeededStudy):
     controllers: dict[str, Controller]
     tracker: Predictor
     baseline: str
+    partners: dict[str, str] = field(default_factory=dict)
     show: tuple[int, ...] = ()
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
-        if self.baseline not in self.controllers:
-            raise WideberthError(
-                f"baseline is {self.baseline!r}; the controllers are {sorted(self.controllers)}"
-            )
+        pairs = [
+            (f"partners.{one}", name)
+            for one, both in self.partners.items()
+            for name in (one, both)
+        ]
+        for label, name in [("baseline", self.baseline), *pairs]:
+            if name not in self.controllers:
+                raise WideberthError(
+                    f"{label} is {name!r}; the controllers are {sorted(self.controllers)}"
+                )
         check_shown(self.show, self.first_seed, self.seeds)
 
     def axes(self) -> Axes:
@@ -207,8 +215,9 @@ class Nav2Rivals(SeededStudy):
             for name, own in played.items():
                 line = {**head, "controller": name, **condensed(own)}
                 line |= {to: known_mean(column(own, source)) for to, source in MEANS.items()}
-                if self.baseline in played:
-                    line |= compared(own, played[self.baseline])
+                partner = self.partners.get(name, self.baseline)
+                if partner in played:
+                    line |= {"partner": partner, **compared(own, played[partner])}
                 lines.append(line)
         return lines
 

@@ -29,17 +29,23 @@ class Costmap(CellGrid):
 
     @classmethod
     def from_grid(
-        cls, grid: OccupancyGrid, track_unknown: bool = True, lethal_threshold: int = OCCUPIED_CELL
+        cls,
+        grid: OccupancyGrid,
+        track_unknown: bool = True,
+        lethal_threshold: int = OCCUPIED_CELL,
+        trinary: bool = True,
     ) -> "Costmap":
         """Return the costs of a map before inflation, as Nav2's static layer does.
 
-        A cell of at least ``lethal_threshold`` percent is lethal, every other known cell is free.
+        A cell of at least ``lethal_threshold`` percent is lethal. Every other known cell is free,
+        or, where the map is not ``trinary``, costs its share of the threshold.
 
         Parameters
         ----------
         grid : the map.
         track_unknown : keep unknown cells unknown; otherwise they are free.
         lethal_threshold : percent, from 1 to 100.
+        trinary : cells are lethal, free or unknown alone.
 
         Examples
         --------
@@ -48,7 +54,8 @@ class Costmap(CellGrid):
         """
         least = whole("lethal_threshold", lethal_threshold)
         unknown = NO_INFORMATION if track_unknown else FREE_SPACE
-        costs = np.where(grid.cells >= least, LETHAL, FREE_SPACE)
+        below = FREE_SPACE if trinary else grid.cells.astype(np.int64) * LETHAL // least
+        costs = np.where(grid.cells >= least, LETHAL, below)
         costs = np.where(grid.cells == UNKNOWN_CELL, unknown, costs)
         return cls(costs.astype(np.uint8), grid.resolution, grid.origin)
 

@@ -9,7 +9,7 @@ import numpy as np
 from ...framework.plugins.config import build
 from ...framework.plugins.yamlfile import shared_settings
 from ...framework.predictor import Predictor
-from ...framework.tracking.perception import Perception, scene_of
+from ...framework.tracking.forecaster import DT, Forecaster
 from ...framework.values.arrays import Array, positive
 from ...framework.values.motion import Observation
 from .local_controller import Answer, CompositeController, ExpectedPeople, LocalController, Tick
@@ -17,9 +17,6 @@ from .mppi import MPPI
 
 CRITIC = "ExpectedPeopleCritic"
 """Name of the critic that makes use of forecasts."""
-_DT, _SAMPLES, _FORGET = 0.1, 40, 3.0
-"""s, step of tracks and forecasts; samples of a track that are kept; s after which a person
-who is no longer reported is dropped."""
 
 
 @final
@@ -48,14 +45,12 @@ class PeopleForecasts(CompositeController):
     horizon: float = 2.8
     period: float = 0.05
 
-    _perception: Perception = field(init=False, repr=False)
+    _forecaster: Forecaster = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("horizon", "period"):
             positive(f"mppi_foresight.{name}", getattr(self, name))
-        self._perception = Perception.initial(
-            self.predictor, 2, _DT, _SAMPLES, self.period, _FORGET
-        )
+        self._forecaster = Forecaster(self.predictor, self.period)
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "PeopleForecasts":
@@ -103,13 +98,10 @@ class PeopleForecasts(CompositeController):
 
     def expected(self, observation: Observation, tick: Tick) -> ExpectedPeople | None:
         """Take note of what is seen, and forecast it; None where no people are known."""
-        perception, _ = self._perception.take(observation, tick.pose[:2]).drained()
-        tracks = perception.history.tracks()
-        scene = scene_of(observation, None, tick.footprint.circumscribed)
-        self._perception = perception = perception.learnt(tracks, scene)
-        steps = int(np.ceil(self.horizon / _DT - 1e-9))
-        grid = _DT * np.arange(1.0, steps + 1.0)
-        forecast = perception.forecast(tracks, observation.stamp, grid, scene)
-        if tracks is None or forecast is None:
+        self._forecaster.take(observation, tick.pose[:2], tick.footprint.circumscribed)
+        steps = int(np.ceil(self.horizon / DT - 1e-9))
+        found = self._forecaster.at(observation.stamp, DT * np.arange(1.0, steps + 1.0))
+        if found is None:
             return None
+        tracks, forecast = found
         return ExpectedPeople(forecast, observation.stamp, tracks.radius)

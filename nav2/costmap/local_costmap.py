@@ -14,6 +14,7 @@ from ...framework.values.motion import Detection
 from ...framework.values.polygon import Polygon
 from ...routes.inflation import Inflation
 from .footprint import RobotFootprint
+from .forecast_layer import ShownForecast
 from .rays import Rays
 
 Cells = NDArray[np.uint8]
@@ -101,12 +102,14 @@ class CostmapSurroundings:
     rays : of the newest scan; a lost ray (NaN) is left out. None for an exact view.
     centres, radii : (O, 2) and (O,), m, of discs, for an exact view.
     polygons : known walls, for an exact view and for the static layer.
+    people : forecasts that are shown, too; None without a layer of them.
     """
 
     rays: Rays | None
     centres: Array
     radii: Array
     polygons: Sequence[Polygon] = ()
+    people: ShownForecast | None = None
 
 
 @final
@@ -184,6 +187,10 @@ class LayeredCostmap:
             cells = self._marks.copy()
         if self._view.static_layer and not self._view.exact:
             cells = np.where(_covered(grid, seen.polygons), np.uint8(LETHAL), cells)
+        if seen.people is not None:
+            expected = seen.people.costs(grid).cells.copy()
+            expected[_within(grid, self._footprint.at(pose))] = FREE_SPACE
+            cells = np.maximum(cells, expected)
         master = Costmap(cells, grid.resolution, grid.origin)
         self._shown = self._inflation.inflated(master)
         return self._shown

@@ -24,6 +24,7 @@ from ...framework.values.plan import Plan
 from ..controllers.local_controller import Answer
 from ..controllers.local_controllers import VelocityLimits
 from ..costmap.footprint import RobotFootprint
+from ..costmap.forecast_layer import ForecastLayer
 from ..costmap.local_costmap import CostmapSurroundings, LayeredCostmap, discs_of
 from ..costmap.rays import Rays
 from .params_file import read_params_file
@@ -99,6 +100,7 @@ class Nav2(Controller):
     robot_limits : bound the controller and the smoother by what this robot can do.
     planner : finds new routes as the default behaviour tree does, once a second at most; None to
         keep to the path.
+    forecasts : of the people who are seen, as a layer of the costmaps; None without.
 
     Raises
     ------
@@ -110,6 +112,7 @@ class Nav2(Controller):
     params_file: File | None = None
     robot_limits: bool = False
     planner: RoutePlanner | None = None
+    forecasts: ForecastLayer | None = None
 
     def __post_init__(self) -> None:
         kind = type(self.robot).__name__
@@ -127,9 +130,9 @@ class Nav2(Controller):
         self._set = self._set.driving(self.robot)
         self.footprint: RobotFootprint = self._outline()
         self._given: Array | None = None
-        self._make()
-        smoothed = self._smoother.smoothing_frequency
+        smoothed = self._set.make_smoother().smoothing_frequency
         self.period: float = 1.0 / max(self._set.controller_frequency, smoothed)
+        self._make()
 
     def _outline(self) -> RobotFootprint:
         """Return the robot's outline with its padding."""
@@ -151,6 +154,7 @@ class Nav2(Controller):
         self._sent = Command((0.0, 0.0))
         self._recoveries = self._set.make_recoveries()
         self._local = LayeredCostmap(self._set.view, self.footprint)
+        self._people = None if self.forecasts is None else self.forecasts.begun(self.period)
         self._route: GlobalRoute | None = None
         self._navigation, self._reason = Navigation.FOLLOWING, ""
         self._retried = self._begun = False
@@ -241,7 +245,10 @@ class Nav2(Controller):
         return self._local.shown
 
     def _look(self, observation: Observation) -> None:
-        """Update the costmap, where its time has come."""
+        """Take note of people, and update the costmap where its time has come."""
+        if self._people is not None:
+            here = self._pose(observation)[:2]
+            self._people.take(observation, here, self.footprint.circumscribed)
         if self._local.due(observation.stamp):
             around = self._around(observation)
             self._local.update(observation.stamp, self._pose(observation), around)
@@ -258,7 +265,10 @@ class Nav2(Controller):
         elif not view.exact:
             here = self._pose(observation)[:2]
             rays = Rays.cast(here, centres, radii, observation.polygons, view.laser_range)
-        return CostmapSurroundings(rays, centres, radii, observation.polygons)
+        people = None
+        if self.forecasts is not None and self._people is not None:
+            people = self.forecasts.shown(self._people, observation.stamp)
+        return CostmapSurroundings(rays, centres, radii, observation.polygons, people)
 
     def _pose(self, observation: Observation) -> Array:
         pose = self.robot.pose(tuple(float(value) for value in observation.state))

@@ -63,7 +63,9 @@ ARROWS: dict[str, set[str]] = {
     "framework/numerics": {"framework/values"},
     "framework/plugins": {"framework/values"},
     INTERFACES: {"framework/numerics", "framework/values"},
-    "framework/risk": {INTERFACES, "framework/numerics", "framework/plugins", "framework/values"},
+    "framework/risk": {
+        INTERFACES, "framework/jit", "framework/numerics", "framework/plugins", "framework/values",
+    },
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from wideberth.framework.risk.collision_probability import collision_probability
+from wideberth.framework.risk.overlap_tables import ellipses_of
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
-from wideberth.nav2.controllers.expected_people import ExpectedPeopleCritic, ellipses_of
+from wideberth.nav2.controllers.expected_people import ExpectedPeopleCritic
 from wideberth.nav2.controllers.local_controller import ExpectedPeople, Tick
 from wideberth.nav2.controllers.local_controllers import shipped_parameters
 from wideberth.nav2.controllers.mppi import MPPI
