@@ -4,16 +4,19 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, final
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..draw.plans import kept_out
 from ..draw.style import chosen_steps
+from ..framework.risk.overlap_tables import ellipses_of
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.forecast import LIGHT, Forecast, content_bound
 from ..framework.values.motion import Command, Twist
+from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.plan import Plan
 from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import Scan
@@ -57,6 +60,19 @@ class MessageTypes(Protocol):
     def __contains__(self, name: str) -> bool:
         """Whether there is a type of this name, as in ``"nav_msgs/msg/Path"``."""
         ...
+
+
+def number_of(name: str) -> int:
+    """Return the id of a name: the number that it is, else a hash of it, 0 to 2^31 - 1.
+
+    Examples
+    --------
+    >>> number_of("12"), number_of("eve")
+    (12, 2062568895)
+    """
+    if name.isascii() and name.isdecimal() and int(name) < 2**31:
+        return int(name)
+    return crc32(name.encode()) >> 1
 
 
 @final
@@ -277,6 +293,68 @@ class MessageEncoder:
             is_dense=True,
         )
 
+    def grid(self, time: float, grid: OccupancyGrid) -> Any:
+        """Return a grid as a map."""
+        make = self.known.make
+        info = make(
+            "nav_msgs/msg/MapMetaData",
+            map_load_time=self.stamp(time),
+            resolution=grid.resolution,
+            width=grid.width,
+            height=grid.height,
+            origin=self.pose(*grid.origin),
+        )
+        return make(
+            "nav_msgs/msg/OccupancyGrid",
+            header=self.header(time),
+            info=info,
+            data=grid.cells.ravel(),
+        )
+
+    def gaussians(self, time: float, names: Sequence[str], forecast: Forecast) -> Any:
+        """Return a forecast as ``mpc_planner_msgs/msg/ObstacleArray``.
+
+        A name that is a whole number is the id, of another one it is a hash. The pose is where the
+        likeliest mode is at the first instant; each Gaussian has the mean and, along the heading
+        of its pose and across it, the deviations at the others: what `decode_message` takes.
+
+        Parameters
+        ----------
+        time : s, of the first instant. names : (O,). forecast : in the plane, of two instants or
+            more, ``forecast.dt`` s apart.
+        """
+        make = self.known.make
+        deviations, turns = ellipses_of(forecast.covariance, 0.0)
+        headings = np.arctan2(turns[..., 0], -turns[..., 1])
+        found = []
+        for o, name in enumerate(names):
+            modes = [
+                make(
+                    "mpc_planner_msgs/msg/Gaussian",
+                    mean=self.path(
+                        time + forecast.dt,
+                        forecast.mean[o, m, 1:],
+                        headings[o, m, 1:],
+                        forecast.dt,
+                    ),
+                    major_semiaxis=deviations[o, m, 1:, 1].copy(),
+                    minor_semiaxis=deviations[o, m, 1:, 0].copy(),
+                )
+                for m in range(forecast.mean.shape[1])
+            ]
+            x, y = forecast.mean[o, int(np.argmax(forecast.weight[o])), 0].tolist()
+            found.append(
+                make(
+                    "mpc_planner_msgs/msg/ObstacleGMM",
+                    id=number_of(name),
+                    pose=self.pose(x, y),
+                    gaussians=modes,
+                    probabilities=forecast.weight[o].copy(),
+                )
+            )
+        kind = "mpc_planner_msgs/msg/ObstacleArray"
+        return make(kind, header=self.header(time), obstacles=found)
+
     def walls(self, time: float, polygons: Iterable[Polygon]) -> Any:
         """Return the outlines of what stands still, as markers."""
         return self._array(
@@ -292,17 +370,25 @@ class MessageEncoder:
         Each is the ellipse that holds the content 1 - tail, the paler the less its mode weighs;
         in space it is the ellipsoid.
         """
+        return self.spread(plan.stamp, plan.tracked, plan.forecast, tail)
+
+    def spread(
+        self, time: float, names: Sequence[str], forecast: Forecast | None, tail: float = 0.05
+    ) -> Any:
+        """Return a forecast of those of these names as markers, see `forecast`."""
         found: list[Any] = []
-        if plan.forecast is not None:
-            found = self._spread(plan, plan.forecast, tail)
+        if forecast is not None:
+            found = self._ellipses(time, names, forecast, tail)
         return self._array(found)
 
-    def _spread(self, plan: Plan, forecast: Forecast, tail: float) -> list[Any]:
+    def _ellipses(
+        self, time: float, names: Sequence[str], forecast: Forecast, tail: float
+    ) -> list[Any]:
         found = []
         size = forecast.mean.shape[-1]
         scale = float(np.sqrt(content_bound(size, tail)))
         for owner, mode in zip(*np.nonzero(forecast.weight >= LIGHT), strict=True):
-            for step in shown_steps(plan):
+            for step in chosen_steps(forecast.steps, MOST_STEPS):
                 place = forecast.mean[owner, mode, step].tolist()
                 values, vectors = np.linalg.eigh(forecast.covariance[owner, mode, step])
                 axes = (2.0 * scale * np.sqrt(np.clip(values, 0.0, None))).tolist()[::-1]
@@ -313,8 +399,8 @@ class MessageEncoder:
                 found.append(
                     self.known.make(
                         "visualization_msgs/msg/Marker",
-                        header=self.header(plan.stamp),
-                        ns=f"forecast of {plan.tracked[owner]}",
+                        header=self.header(time),
+                        ns=f"forecast of {names[owner]}",
                         id=step * forecast.weight.shape[1] + int(mode),
                         type=_CYLINDER if size == 2 else _SPHERE,
                         pose=pose,

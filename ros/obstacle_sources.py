@@ -148,8 +148,14 @@ class ObstacleSource(Protocol):
         """Process the messages that have come."""
         ...
 
-    def view(self, own: OwnMotion) -> ScanView:
-        """Return what is known, in the frame of the odometry."""
+    def view(self, own: OwnMotion, now: float | None = None) -> ScanView:
+        """Return what is known, in the frame of the odometry.
+
+        Parameters
+        ----------
+        own : poses of the robot. now : s on their clock, from which ages count; by default the
+            instant of the newest odometry.
+        """
         ...
 
     def warm_up(self) -> None:
@@ -206,7 +212,7 @@ class TopicSource:
             self._refuse(self.unplaced)
         return None
 
-    def view(self, own: OwnMotion) -> ScanView:
+    def view(self, own: OwnMotion, now: float | None = None) -> ScanView:
         """Return the obstacles of the last message that was placed, in the odometry's frame."""
         received = self.placed
         if received is None or (frame := own.placed(received.decoded.frame)) is None:
@@ -214,8 +220,9 @@ class TopicSource:
             return ScanView()
         assert isinstance(received.decoded.content, ObstaclesMessage)
         seen = received.decoded.content.seen[: 10 * MOST_SEEN]
+        age = max((own.now if now is None else now) - own.instant(received), 0.0)
         with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
-            found = self._placed_in(frame, seen, own, max(own.now - own.instant(received), 0.0))
+            found = self._placed_in(frame, seen, own, age)
         return ScanView(tuple({one.ident: one for one in found}.values()))
 
     def _placed_in(
@@ -338,9 +345,9 @@ class ScanSource:
                 self._polygons = walls_behind(sightings.segments, sensor, self._gap)
         return None
 
-    def view(self, own: OwnMotion) -> ScanView:
-        """Return the tracked obstacles, carried on to the newest odometry."""
-        now = own.now
+    def view(self, own: OwnMotion, now: float | None = None) -> ScanView:
+        """Return the tracked obstacles, carried on to now."""
+        now = own.now if now is None else now
         self._handover, earlier, present = self._handover.detections(self._tracker.at(now), now)
         return ScanView(present, earlier, self._polygons, self._scan)
 

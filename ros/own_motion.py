@@ -98,12 +98,16 @@ class OwnMotion:
         ----------
         received : the message. length : s, from its stamp until it could be sent.
         """
+        return self.instant_of(received.decoded.stamp, received.time - length)
+
+    def instant_of(self, stamp: int, time: float) -> float:
+        """Return the same of a stamp, ns, and of a time on the node's clock, s."""
         if self.newest is None:
             return float("nan")
         own = self.newest.decoded.stamp
-        apart = 1e-9 * (received.decoded.stamp - own)
-        if not own or not received.decoded.stamp or abs(apart) > OLDEST:
-            apart = received.time - length - self.newest.time
+        apart = 1e-9 * (stamp - own)
+        if not own or not stamp or abs(apart) > OLDEST:
+            apart = time - self.newest.time
         return self.now + apart
 
     def poses(self, times: Array) -> Array:
