@@ -4,11 +4,11 @@ import numpy as np
 
 from ..framework.control.command_limits import FAST as FAST
 from ..framework.control.command_limits import attained, turns_on_the_spot
-from ..framework.mpc.ocp.reference import PathProgress
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Twist
 from ..framework.values.path import Path
+from ..framework.values.path_progress import PathProgress
 
 SLOWING = 1.0
 """s; nearer to the goal than this at the present speed, a controller slows down in proportion to

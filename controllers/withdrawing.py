@@ -15,13 +15,13 @@ from ..framework.controller import (
     checked_use,
     fresh,
 )
-from ..framework.mpc.ocp.reference import PathProgress
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import FARTHEST, Array
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Detection, Observation
 from ..framework.values.path import Path
+from ..framework.values.path_progress import PathProgress
 from ..framework.values.plan import Plan
 from ..framework.values.polygon import separation
 

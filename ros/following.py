@@ -6,10 +6,10 @@ from typing import final
 
 import numpy as np
 
+from ..framework.control.end_of_path import Arrival
 from ..framework.values.arrays import Array, positive
 from .frames import within_pi
 from .node import PlannerNode
-from .path_sources import Arrival
 
 
 class ResultCode(IntEnum):
@@ -41,7 +41,7 @@ class Following:
     Parameters
     ----------
     tolerance : m from the last point, within which the robot is there and brakes, see
-        `wideberth.ros.path_sources.Arrival`.
+        `wideberth.framework.control.end_of_path.Arrival`.
     yaw_tolerance : rad, by which its heading may be off that of the last pose; it turns on the
         spot. From pi on any heading will do.
     slow : m/s, below which it stands.

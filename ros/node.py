@@ -12,6 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from ..framework.control.command_limits import FAST, attained, turns_on_the_spot, within_reach
+from ..framework.control.end_of_path import Arrival
 from ..framework.control.velocity_smoother import VelocitySmoother
 from ..framework.controller import Controller, avoids_polygons
 from ..framework.robot import Robot
@@ -48,7 +49,6 @@ from .obstacle_sources import (
 )
 from .own_motion import OwnMotion, ReceivedMessage
 from .path_sources import (
-    Arrival,
     GoalPlanner,
     GoalTopic,
     MapTopic,

@@ -7,12 +7,10 @@ from typing import final
 
 import numpy as np
 
-from ..framework.mpc.ocp.reference import PathProgress
 from ..framework.route_planner import Route
 from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.occupancy_grid import OccupancyGrid
-from ..framework.values.path import Path
 from ..framework.values.polygon import Polygon
 from ..routes.inflation import Inflation
 from ..routes.replanning import KeptRoute, Replanning
@@ -23,12 +21,9 @@ from .own_motion import OwnMotion
 
 NEAR, AGAIN = 10.0, 3.0
 """m from the robot, to which walls of a map are outlined; m, after which that is done anew."""
-LEFT = 1.0
-"""m of the path; with more of it ahead, a robot beside the path's end only passes by."""
-SHIFT, TURN = 0.02, 0.005
+MOVED, TURNED = 0.02, 0.005
 """m and rad; routes and walls are placed anew when the map's frame has moved so far against the
-odometry's, where the robot is. A wall 10 m away is then up to 0.08 m off. A path that comes once
-more, whose end has moved no further, has the same goal."""
+odometry's, where the robot is. A wall 10 m away is then up to 0.08 m off."""
 
 
 @final
@@ -39,8 +34,9 @@ class PathTopic:
     Parameters
     ----------
     topic : of the paths.
-    tolerance : m; a robot that is so near to the path's end, with at most `LEFT` m of the path
-        ahead, has arrived, and brakes. The default is Nav2's.
+    tolerance : m from the path's end, see `wideberth.framework.control.end_of_path.Arrival`.
+    yaw_tolerance : rad, by which its heading may then be off that of the last pose; from pi on any
+        heading will do. The defaults of both are Nav2's.
 
     Raises
     ------
@@ -49,10 +45,12 @@ class PathTopic:
 
     topic: str = "/plan"
     tolerance: float = 0.25
+    yaw_tolerance: float = 0.25
 
     def __post_init__(self) -> None:
         check_topic("node.follows.topic", self.topic)
-        positive("node.follows.tolerance", self.tolerance)
+        for name in ("tolerance", "yaw_tolerance"):
+            positive(f"node.follows.{name}", getattr(self, name))
 
 
 @final
@@ -156,41 +154,6 @@ class SpinGoal:
 
     frame: str
     heading: float
-
-
-@final
-class Arrival:
-    """Decides whether a robot is at the end of its path.
-
-    A robot that is there stays there up to twice the tolerance, until a path with another goal
-    comes.
-
-    Parameters
-    ----------
-    tolerance : m from the last point, within which the robot is there, if at most `LEFT` m of
-        the path are ahead.
-    """
-
-    def __init__(self, tolerance: float) -> None:
-        self.there: bool = False
-        """Whether it was there at the last update."""
-        self._tolerance = tolerance
-        self._progress: PathProgress | None = None
-
-    def update(self, path: Path, place: Array) -> bool:
-        """Return whether a robot at a place, (2,) in m, is at the end of its path."""
-        if not (np.abs(place) <= FARTHEST).all():
-            self.there = False
-            return False
-        if self._progress is None or self._progress.path is not path:
-            old = path if self._progress is None else self._progress.path
-            self.there = self.there and float(np.linalg.norm(path.goal - old.goal)) <= SHIFT
-            self._progress = PathProgress(path)
-        self._progress, arc = self._progress.advanced(place)
-        distance = float(np.linalg.norm(path.goal - place))
-        near = distance <= (1.0 + self.there) * self._tolerance
-        self.there = near and path.length - arc <= LEFT
-        return self.there
 
 
 @final
@@ -409,4 +372,4 @@ class RouteRequest:
         now, then = (composed(inverted(one), place) for one in (self.motion, before))
         apart = now - then
         apart[2] = within_pi(float(apart[2]))
-        return bool((np.abs(apart) > [SHIFT, SHIFT, TURN]).any())
+        return bool((np.abs(apart) > [MOVED, MOVED, TURNED]).any())

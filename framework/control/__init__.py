@@ -1,1 +1,1 @@
-"""Command limits, velocity smoother and the observations of policies."""
+"""Command limits, the end of a path, velocity smoother and the observations of policies."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..robot import Bounds, Robot
 from ..values.arrays import Array
-from ..values.motion import Command, Twist
+from ..values.motion import Command, Pose, Twist
 
 ALLOWANCE = 1e-3
 """By how much a command may be beyond a limit, in the limit's own unit: ten times the tolerance
@@ -49,6 +49,16 @@ def attained(
     twist = robot.twist(later, control)
     columns = np.broadcast_arrays(*twist.linear, twist.angular, np.zeros(len(inputs)))
     return np.stack(columns[:-1], axis=-1).astype(np.float64)
+
+
+def deceleration(robot: Robot) -> float:
+    """Return how fast a robot that drives slowly along its first axis can brake, m/s^2."""
+    slow, soon = 0.1, 1e-3
+    aside = (0.0,) * (robot.dimension - 1)
+    pose = Pose((0.0,) * robot.dimension, 0.0)
+    state = np.array(robot.state_at(pose, Twist((slow, *aside))), dtype=np.float64)
+    found = attained(robot, state, [Twist((0.0, *aside))], soon)[0, 0]
+    return (slow - float(found)) / soon
 
 
 def turns_on_the_spot(robot: Robot, state: Array) -> bool:

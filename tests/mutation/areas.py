@@ -16,6 +16,7 @@ MPC, CORE = "framework/mpc", "predictors/core"
 AREAS: dict[str, list[str]] = {
     "cycle": [
         "framework/tracking/perception.py",
+        "framework/values/path_progress.py",
         f"{MPC}/ocp/reference.py",
         f"{MPC}/costs/curve.py",
         *(

@@ -8,12 +8,13 @@ import pytest
 
 from wideberth.controllers import Planner
 from wideberth.experiments.cli.ros_node import read_node
+from wideberth.framework.control.end_of_path import Arrival
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
 from wideberth.ros.following import Follower, Following, ResultCode
 from wideberth.ros.node import ARRIVED
-from wideberth.ros.path_sources import Arrival, PathTopic
+from wideberth.ros.path_sources import PathTopic
 from wideberth.tests.ros import test_node
 from wideberth.tests.ros.test_goal_heading import Drive
 from wideberth.tests.ros.test_node import Scripted

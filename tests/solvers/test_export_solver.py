@@ -24,11 +24,12 @@ from wideberth.benchmarks.exported_folder import (
     run,
 )
 from wideberth.experiments.cli.export import export
-from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference
+from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.planner.rollout import follow, shift
 from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path as Way
+from wideberth.framework.values.path_progress import PathProgress
 from wideberth.framework.values.plan import Status
 from wideberth.regions import gaussian
 from wideberth.solvers.export.bundle import write_folder

@@ -23,6 +23,7 @@ from ...values.arrays import Array, altered
 from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
+from ...values.path_progress import PathProgress
 from ...values.plan import Plan, Situation
 from ...values.polygon import Polygon
 from ...values.tracks import Tracks
@@ -35,7 +36,7 @@ from ..ocp.progress_robot import (
     with_progress,
     without_progress,
 )
-from ..ocp.reference import PathProgress, Reference
+from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
 from ..slots.base import (
     CAPACITIES,

@@ -10,10 +10,10 @@ from ...controller import Controller, WrapsController, checked_path
 from ...values.errors import WideberthError, short
 from ...values.motion import Command, Observation
 from ...values.path import Path
+from ...values.path_progress import PathProgress
 from ...values.plan import Plan, Rung
 from ..diagnosis.explain import SolveRecord
 from ..diagnosis.solve_record import Record
-from ..ocp.reference import PathProgress
 from .cycle import (
     Decision,
     PlannerState,

@@ -13,7 +13,7 @@ from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.flight import Flight, volume_ratio
-from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference
+from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.rollout import sweep
 from wideberth.framework.numerics.integration import runge_kutta
@@ -22,6 +22,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose, Twist
 from wideberth.framework.values.path import Path as Way
+from wideberth.framework.values.path_progress import PathProgress
 from wideberth.framework.values.plan import Rung
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minimum_area import MinimumArea

@@ -1,0 +1,108 @@
+"""The end of a path: how fast a robot may approach it, and when it is there."""
+
+from math import atan2, cos, hypot, inf, sin, sqrt
+from typing import final
+
+import numpy as np
+
+from ..robot import Robot
+from ..values.arrays import FARTHEST, Array
+from ..values.motion import Pose, Twist
+from ..values.path import Path
+from ..values.path_progress import PathProgress
+from .command_limits import FAST, attained, deceleration
+
+LEFT = 1.0
+"""m of the path; with more of it ahead, a robot beside the path's end only passes by."""
+SHIFT = 0.02
+"""m; a path that comes once more, whose end has moved no further, has the same end."""
+SHARE = 0.8
+"""Of the robot's deceleration and yaw rate, that an approach counts on."""
+
+
+@final
+class Approach:
+    """Slows a robot near the end of its path, so that it neither passes the end nor circles it.
+
+    With d the distance to the end, s the larger of d and what is left of the path, beta the angle
+    from the direction of motion to that of the end, the robot's deceleration a and yaw rate w::
+
+        v <= sqrt(2 a s)    v <= w d / (2 |sin beta|) with at most `LEFT` m of the path ahead
+
+    each with `SHARE` of a and w. d / (2 |sin beta|) is the radius of the circle through the end
+    to which the motion is tangent: a robot that is faster than it can turn on it has the end
+    within its own circle, and a planner for which to brake costs more than to turn keeps it there
+    for half a minute. The yaw rate stays as it was. The second limit is none for a robot that
+    cannot turn on the spot: a car's circle does not shrink with its speed.
+
+    Parameters
+    ----------
+    robot : in the plane.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        still = np.zeros(len(robot.states))
+        self._braking = SHARE * deceleration(robot)
+        self._turning = SHARE * float(attained(robot, still, [Twist((0.0, 0.0), FAST)])[0, 2])
+        self._headed = robot.pose(tuple(still)).heading is not None
+        self._progress: PathProgress | None = None
+
+    def limited(self, path: Path, pose: Pose, twist: Twist) -> Twist:
+        """Return a twist within the limits; the same one where it keeps them.
+
+        Parameters
+        ----------
+        path : that is followed. pose : of the robot. twist : that is wanted, see `Robot.twist`.
+        """
+        place, speed = np.array(pose.position, dtype=np.float64), hypot(*twist.linear)
+        if not speed or not (np.abs(place) <= FARTHEST).all():
+            return twist
+        if self._progress is None or self._progress.path is not path:
+            self._progress = PathProgress(path)
+        self._progress, arc = self._progress.advanced(place)
+        away, left = path.goal - place, path.length - arc
+        apart = hypot(*away)
+        most = sqrt(2.0 * self._braking * max(apart, left))
+        if left <= LEFT and self._turning:
+            way = atan2(twist.linear[1], twist.linear[0])
+            way += float(pose.heading) if self._headed else 0.0  # type: ignore[arg-type]
+            across = abs(cos(way) * away[1] - sin(way) * away[0])  # d |sin beta|
+            most = min(most, 0.5 * self._turning * apart**2 / across if across else inf)
+        if speed <= most:
+            return twist
+        return Twist(tuple(most / speed * one for one in twist.linear), twist.angular)
+
+
+@final
+class Arrival:
+    """Decides whether a robot is at the end of its path.
+
+    A robot that is there stays there up to twice the tolerance, until a path with another goal
+    comes.
+
+    Parameters
+    ----------
+    tolerance : m from the last point, within which the robot is there, if at most `LEFT` m of
+        the path are ahead.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        self.there: bool = False
+        """Whether it was there at the last update."""
+        self._tolerance = tolerance
+        self._progress: PathProgress | None = None
+
+    def update(self, path: Path, place: Array) -> bool:
+        """Return whether a robot at a place, (2,) in m, is at the end of its path."""
+        if not (np.abs(place) <= FARTHEST).all():
+            self.there = False
+            return False
+        if self._progress is None or self._progress.path is not path:
+            old = path if self._progress is None else self._progress.path
+            self.there = self.there and float(np.linalg.norm(path.goal - old.goal)) <= SHIFT
+            self._progress = PathProgress(path)
+        self._progress, arc = self._progress.advanced(place)
+        distance = float(np.linalg.norm(path.goal - place))
+        near = distance <= (1.0 + self.there) * self._tolerance
+        self.there = near and path.length - arc <= LEFT
+        return self.there
