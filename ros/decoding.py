@@ -92,9 +92,16 @@ class Transforms:
 @final
 @dataclass(frozen=True, eq=False)
 class PathMessage:
-    """Points of a path, (P, 2), m."""
+    """A path.
+
+    Attributes
+    ----------
+    points : (P, 2), m.
+    heading : rad, wanted at its end; NaN where the message states none.
+    """
 
     points: Array
+    heading: float = float("nan")
 
 
 @final
@@ -325,7 +332,10 @@ def _path(message: Any) -> PathMessage:
     points = np.array(places, dtype=np.float64).reshape(-1, 2)
     new = np.ones(len(points), dtype=bool)
     new[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
-    return PathMessage(points[new])
+    turns = [one.pose.orientation for one in message.poses]
+    if all((one.x, one.y, one.z, one.w) == (0.0, 0.0, 0.0, 1.0) for one in turns):
+        return PathMessage(points[new])  # as quaternions begin: the sender left them so
+    return PathMessage(points[new], heading_of(message.poses[-1].pose))
 
 
 def _goal(message: Any) -> Goal:

@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from ..framework.control.command_limits import FAST, attained, turns_on_the_spot, within_reach
-from ..framework.control.end_of_path import Arrival
+from ..framework.control.end_of_path import Approach, Arrival
 from ..framework.control.velocity_smoother import VelocitySmoother
 from ..framework.controller import Controller, avoids_polygons
 from ..framework.robot import Robot
@@ -143,6 +143,8 @@ class PlannerNode:
         self._own = OwnMotion(settings.base_frame)
         self._path: Path | None = None
         self._fresh_path = False
+        self._end = SpinGoal("", np.nan)
+        """How the robot is to face at the end of a path of a topic."""
         self._smoother: VelocitySmoother | None = None
         self._last: Array | None = None
         self._decided = self._sent = -np.inf
@@ -163,6 +165,7 @@ class PlannerNode:
         self._obstacles: ObstacleSource | None = None
         self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None
+        self._approach = Approach(robot)
         self._no_route = ""
         self._open_topics(link)
 
@@ -241,7 +244,7 @@ class PlannerNode:
                 self._own.take(decoded, now)
                 self.odometry_came.set()
             elif isinstance(content, PathMessage):
-                self._take_path(decoded.frame, content.points)
+                self._take_path(decoded.frame, content.points, content.heading)
             elif isinstance(content, Goal | OccupancyGrid) and self._goals is not None:
                 self._goals.receive(decoded)
             elif self._obstacles is not None:
@@ -296,8 +299,8 @@ class PlannerNode:
         """The path that is followed, in the frame of the odometry."""
         return self._path
 
-    def _take_path(self, frame: str, points: Array) -> None:
-        """Follow a new path; an empty one stops the robot."""
+    def _take_path(self, frame: str, points: Array, heading: float = np.nan) -> None:
+        """Follow a new path, at its end to a heading, rad; an empty one stops the robot."""
         if self._own.newest is not None and len(points) >= 2:
             motion = self._own.motion(self._own.frame, frame)
             if motion is None:
@@ -308,6 +311,7 @@ class PlannerNode:
             path = Path(points[:: 1 + len(points) // LONGEST_PATH]) if len(points) >= 2 else None
         except WideberthError as error:
             return self._refuse(f"path: {error}")
+        self._end = SpinGoal(frame, heading)
         same = path is not None and self._path is not None
         if same and np.array_equal(path.points, self._path.points):  # type: ignore[union-attr]
             return None
@@ -440,13 +444,20 @@ class PlannerNode:
         return None
 
     def _end_path(self) -> None:
-        """Forget a path of a topic whose end the robot has reached: it brakes."""
+        """Forget a path of a topic whose end the robot has reached, and faces: it brakes."""
+        follows = self.settings.follows
         with self._lock:
-            path, motion = self._path, self.motion
-            if self._arrival is None or path is None or motion is None:
+            path, motion, end = self._path, self.motion, self._end
+            if not isinstance(follows, PathTopic) or path is None or motion is None:
                 return
+            assert self._arrival is not None
+            self._turn = None
             if self._arrival.update(path, motion[0][:2]):
-                self._take_path("", np.zeros((0, 2)))
+                off = abs(self._own.off(end.frame, end.heading))
+                if self.turns_on_the_spot and off > follows.yaw_tolerance:
+                    self._turn = end
+                else:
+                    self._take_path("", np.zeros((0, 2)))
 
     def _observation(self, received: ReceivedMessage) -> tuple[Observation, list[Observation]]:
         """Return the observation of now, and those that the controller remembers first."""
@@ -521,7 +532,11 @@ class PlannerNode:
         """
         assert self._smoother is not None and self._last is not None
         if self._turn is None:
-            return self._smoother.at(now)
+            aim = self._smoother.at(now)
+            if self._path is None or self.motion is None:
+                return aim
+            x, y, heading = self.motion[0].tolist()
+            return self._approach.limited(self._path, Pose((x, y), heading), aim)
         off = self._own.off(self._turn.frame, self._turn.heading)
         moving = np.hypot(*self._last[:2]) > STANDING
         if self._room != self._turn or moving or not np.isfinite(off):

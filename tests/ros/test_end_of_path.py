@@ -13,16 +13,35 @@ from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
 from wideberth.ros.following import Follower, Following, ResultCode
+from wideberth.ros.messages import messages
 from wideberth.ros.node import ARRIVED
 from wideberth.ros.path_sources import PathTopic
+from wideberth.tests.helpers.bags import header, quaternion, vector
 from wideberth.tests.ros import test_node
 from wideberth.tests.ros.test_goal_heading import Drive
-from wideberth.tests.ros.test_node import Scripted
+from wideberth.tests.ros.test_node import Scripted, within_limits
 
 EXAMPLE = pathlib.Path(__file__).parents[2] / "examples" / "node.yaml"
 NEAR = 0.25
 WAY = ((0.0, 0.0), (3.0, 0.0))
+STEP = test_node.STEP
 CORNERS = ((0.4, 0.2), (-0.4, 0.2), (-0.4, -0.2), (0.4, -0.2))
+
+
+class Lagging(Drive):
+    """A robot whose base follows commands as a low-pass of the first order, and plans at 5 Hz."""
+
+    lag = 0.0
+    count = 0
+
+    def turn(self, **how: bool) -> Any:
+        before, self.count = self.motion, self.count + 1
+        how["decide"] = self.count % 4 == 0
+        sent = super().turn(**how)
+        share = 1.0 - np.exp(-STEP / self.lag) if self.lag else 1.0
+        self.motion = before + share * (self.motion - before)
+        self.motion[np.abs(self.motion) < 1e-3] = 0.0
+        return sent and (self.motion[0], self.motion[2])
 
 
 def test_a_controller_that_never_brakes_stands_at_the_end() -> None:
@@ -104,6 +123,79 @@ def test_a_path_without_a_heading_ends_with_a_robot_that_stands(
             break
     assert end is not None and end.code is ResultCode.NONE, end
     assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= 2.0 * NEAR and ARRIVED in said
+
+
+def oriented(loop: Drive, points: Any, headings: Any) -> None:
+    """Send a path whose poses have headings, rad; NaN leaves a quaternion as it begins."""
+    known, stamp = messages(), header(loop.stamp(), "odom")
+    poses = []
+    for place, heading in zip(points, headings, strict=True):
+        turn = quaternion(0.0 if np.isnan(heading) else heading)
+        pose = known.make("geometry_msgs/msg/Pose", position=vector("Point", *place),
+                          orientation=turn)  # fmt: skip
+        poses.append(known.make("geometry_msgs/msg/PoseStamped", pose=pose))
+    loop.come("/plan", known.make("nav_msgs/msg/Path", header=stamp, poses=poses))
+
+
+@pytest.mark.parametrize("heading", [0.1, 1.57, -1.57, 3.1, -3.1])
+@pytest.mark.parametrize("once", [True, False])
+def test_at_the_end_of_a_path_it_faces_as_the_last_pose_does(heading: float, once: bool) -> None:
+    """Also where the path comes again all the time."""
+    loop = Drive(Scripted(), follows=PathTopic())
+    sent = []
+    for k in range(300):
+        if k == 0 or (not once and k % 20 == 0):
+            oriented(loop, WAY, (0.0, heading))
+        sent.append(loop.move())
+    within_limits(np.array(sent))
+    assert not loop.motion.any() and np.linalg.norm(loop.pose[:2] - WAY[-1]) <= NEAR
+    turned = np.array(sent)[:, 1]
+    assert loop.off(heading) <= NEAR and (turned * heading >= 0.0).all()
+    assert loop.node.status == "waiting for a path" or not once
+
+
+@pytest.mark.parametrize("headings", [(np.nan, np.nan), (1.0, np.nan)])
+def test_quaternions_as_they_begin_are_no_headings_where_all_are(headings: Any) -> None:
+    """A sender who fills in none leaves all at w = 1."""
+    loop = Drive(Scripted(), follows=PathTopic())
+    loop.pose = np.array([0.0, 0.0, np.pi / 2])
+    oriented(loop, ((0.0, 0.0), (0.0, 3.0)), headings)
+    loop.until("waiting for a path")
+    faces = np.pi / 2 if np.isnan(headings[0]) else 0.0
+    assert loop.off(faces) <= NEAR
+
+
+BENT = {
+    "corner": [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0)],
+    "hook": [(0.0, 0.0), (4.0, 0.0), (4.0, 0.5)],
+}
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.3])
+@pytest.mark.parametrize("name", BENT)
+def test_the_shipped_example_does_not_circle_the_end_of_a_bent_path(
+    name: str, lag: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A base that took 0.2 s to have its velocity made it miss the end, and go round once more."""
+    planner, settings = read_node(EXAMPLE, ["node.sees=null"])
+    monkeypatch.setattr(test_node, "ROBOT", planner.robot)  # type: ignore[attr-defined]
+    loop = Lagging(planner, follows=settings.follows, sees=None)  # type: ignore[arg-type]
+    loop.lag = lag
+    loop.move(people=False)
+    points = np.array(BENT[name])
+    loop.path(points=points)
+    found = []
+    while len(found) < 600 and (loop.node.status != "waiting for a path" or loop.motion.any()):
+        loop.move(people=False)
+        found.append(loop.pose)
+    poses = np.array(found)
+    away = np.linalg.norm(poses[:, :2] - points[-1], axis=1)
+    came = int(np.argmax(away <= NEAR))
+    assert len(found) - came <= 3.0 / STEP and away[came:].max() <= NEAR
+    bend = np.pi / 2
+    assert np.abs(np.diff(poses[:, 2])).sum() <= bend + 1.0
+    past = (poses[:, :2] - points[-1]) @ (points[-1] - points[-2])
+    assert past.max() / np.linalg.norm(points[-1] - points[-2]) <= NEAR
 
 
 def test_the_shipped_example_stands_at_the_end_of_its_path(
