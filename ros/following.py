@@ -1,5 +1,6 @@
-"""Following one path to its end, with the results that Nav2's controller server has."""
+"""Following one path, or driving to one goal, with the results that Nav2's servers have."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import final
@@ -8,8 +9,11 @@ import numpy as np
 
 from ..framework.control.end_of_path import Arrival
 from ..framework.values.arrays import Array, positive
+from .decoding import Goal
 from .frames import within_pi
 from .node import PlannerNode
+
+NO_ODOMETRY = "where the robot is is not known: there is no odometry"
 
 
 class ResultCode(IntEnum):
@@ -68,9 +72,8 @@ class Following:
             positive(f"following.{one.name}", getattr(self, one.name))
 
 
-@final
-class Follower:
-    """Follows one path with a node; `step` returns how that has ended.
+class Follower(ABC):
+    """Follows one goal of an action with a node; `step` returns how that has ended.
 
     Parameters
     ----------
@@ -80,56 +83,41 @@ class Follower:
     def __init__(self, node: PlannerNode, settings: Following, now: float) -> None:
         self.node: PlannerNode = node
         self.settings: Following = settings
-        self.distance: float = float("inf")
-        """m from the robot to the end of the path, straight."""
         self.speed: float = 0.0
         """m/s, of the robot."""
         self._place: Array | None = None
-        self._frame, self._heading = "", float("nan")
-        self._arrival = Arrival(settings.tolerance)
         self._moved = self._well = now
         self._failures, self._plans = node.counts.failures, node.counts.plans
 
-    def begin(self, frame: str, points: Array, heading: float = float("nan")) -> End | None:
-        """Take the path; return why it cannot be followed.
+    @property
+    @abstractmethod
+    def there(self) -> bool:
+        """Whether the robot is where it was asked to be, and turns or stands."""
 
-        Parameters
-        ----------
-        frame : of the path. points : (P, 2), m.
-        heading : rad, wanted at its end; NaN for any. It is passed over where the robot cannot
-            turn on the spot.
-        """
-        if len(points) < 2:
-            return End(
-                ResultCode.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least"
-            )
-        if self.node.motion is None:
-            return End(
-                ResultCode.TF_ERROR, "where the robot is is not known: there is no odometry"
-            )
-        if not self.node.follow(frame, points):
-            return End(ResultCode.INVALID_PATH, f"the path in {frame!r} cannot be followed")
-        if self.node.turns_on_the_spot:
-            self._frame, self._heading = frame, heading
-        return None
+    @abstractmethod
+    def _ended(self, pose: Array) -> End | None:
+        """Return how following has ended for a robot at a pose (3,); None while it goes on."""
+
+    @property
+    def distance(self) -> float:
+        """Distance from the robot to the end of its path, straight, m."""
+        path, motion = self.node.path, self.node.motion
+        if path is None or motion is None:
+            return 0.0
+        return float(np.linalg.norm(path.goal - motion[0][:2]))
 
     def step(self, now: float) -> End | None:
         """Follow on; return how following has ended, or None while it goes on."""
-        path, motion, wanted = self.node.path, self.node.motion, self.settings
-        if path is None or motion is None:
-            return End(ResultCode.UNKNOWN, "the path was taken away")
-        self.distance = float(np.linalg.norm(path.goal - motion[0][:2]))
+        motion, wanted = self.node.motion, self.settings
+        if motion is None:
+            return End(ResultCode.TF_ERROR, NO_ODOMETRY)
         self.speed = float(np.hypot(*motion[1][:2]))
-        was = self._arrival.there
-        there = self._arrival.update(path, motion[0][:2])
-        if was and not there:
-            self.node.drive_on()
-        turned = self._turned()
-        if there and turned and self.speed <= wanted.slow:
-            return End(ResultCode.NONE)
+        end = self._ended(motion[0])
+        if end is not None:
+            return end
         self._note_progress(motion[0], now)
         waits, counts = self.node.waits_for(), self.node.counts
-        planned = counts.plans > self._plans or there
+        planned = counts.plans > self._plans or self.there
         if planned and counts.failures == self._failures and not waits:
             self._well = now
         failed = counts.failures > self._failures
@@ -145,18 +133,85 @@ class Follower:
             return End(ResultCode.FAILED_TO_MAKE_PROGRESS, reason)
         return None
 
-    def _turned(self) -> bool:
-        """Whether nothing is left to turn; a robot at the end of its path stands, and turns."""
-        if not self._arrival.there:
-            return True
-        left = self.node.turn(self._frame, self._heading)
-        return not np.isfinite(self._heading) or abs(left) <= self.settings.yaw_tolerance
-
     def _note_progress(self, pose: Array, now: float) -> None:
         """Note when the robot has moved, or turned at the end of its path, far enough."""
         old, wanted = self._place, self.settings
         moved = old is None or bool(np.linalg.norm(pose[:2] - old[:2]) >= wanted.progress)
-        if self._arrival.there and old is not None:
+        if self.there and old is not None:
             moved = moved or abs(within_pi(float(pose[2] - old[2]))) >= wanted.progress_angle
         if moved:
             self._place, self._moved = pose, now
+
+
+@final
+class PathFollower(Follower):
+    """Follows one path to its end; parameters as of `Follower`."""
+
+    def __init__(self, node: PlannerNode, settings: Following, now: float) -> None:
+        super().__init__(node, settings, now)
+        self._frame, self._heading = "", float("nan")
+        self._arrival = Arrival(settings.tolerance)
+
+    def begin(self, frame: str, points: Array, heading: float = float("nan")) -> End | None:
+        """Take the path; return why it cannot be followed.
+
+        Parameters
+        ----------
+        frame : of the path. points : (P, 2), m.
+        heading : rad, wanted at its end; NaN for any. It is passed over where the robot cannot
+            turn on the spot.
+        """
+        if len(points) < 2:
+            return End(
+                ResultCode.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least"
+            )
+        if self.node.motion is None:
+            return End(ResultCode.TF_ERROR, NO_ODOMETRY)
+        if not self.node.follow(frame, points):
+            return End(ResultCode.INVALID_PATH, f"the path in {frame!r} cannot be followed")
+        if self.node.turns_on_the_spot:
+            self._frame, self._heading = frame, heading
+        return None
+
+    @property
+    def there(self) -> bool:
+        """Whether the robot is at the end of its path."""
+        return self._arrival.there
+
+    def _ended(self, pose: Array) -> End | None:
+        path = self.node.path
+        if path is None:
+            return End(ResultCode.UNKNOWN, "the path was taken away")
+        was = self.there
+        self._arrival.update(path, pose[:2])
+        if was and not self.there:
+            self.node.drive_on()
+        stands = self.speed <= self.settings.slow
+        return End(ResultCode.NONE) if self.there and self._turned() and stands else None
+
+    def _turned(self) -> bool:
+        """Whether nothing is left to turn; a robot at the end of its path stands, and turns."""
+        left = self.node.turn(self._frame, self._heading)
+        return not np.isfinite(self._heading) or abs(left) <= self.settings.yaw_tolerance
+
+
+@final
+class GoalFollower(Follower):
+    """Drives to one goal, to which the node finds the way; parameters as of `Follower`."""
+
+    def begin(self, frame: str, goal: Goal) -> None:
+        """Take the goal, of a frame."""
+        self._goal = goal
+        self.node.go(frame, goal)
+
+    @property
+    def there(self) -> bool:
+        """Whether the robot turns at its goal."""
+        return self.node.turns
+
+    def _ended(self, pose: Array) -> End | None:
+        if self.node.goal is self._goal:
+            return None
+        if self.node.goal is not None:
+            return End(ResultCode.UNKNOWN, "another goal took its place")
+        return End(ResultCode.NONE) if self.speed <= self.settings.slow else None

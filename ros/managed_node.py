@@ -10,11 +10,12 @@ from typing import Any, final
 
 from ..framework.controller import Controller
 from ..framework.robot import Robot
-from .actions import FollowPathServer
+from .actions import FollowPathServer, GoalServer, NavigateToPoseServer
 from .link import RosLink, ros
 from .node import PlannerNode
 from .node_settings import NodeSettings
 from .parameters import NodeParameters
+from .path_sources import GoalTopic
 
 NAME = "wideberth"
 """Of the node, where ``-r __node:=NAME`` states no other."""
@@ -51,7 +52,7 @@ class ManagedPlanner:
         self._link = RosLink(self.ros)
         self._timers: list[Any] = []
         self._due, self._over = threading.Event(), threading.Event()
-        self._actions: FollowPathServer | None = None
+        self._actions: list[GoalServer] = []
 
     def configure(self) -> None:
         """Open the topics, compile the planner, and start to receive."""
@@ -63,7 +64,9 @@ class ManagedPlanner:
         planner.limit_speed(self.parameters.limit)
         planner.warm_up()
         self.planner = planner
-        self._actions = FollowPathServer(self.ros, planner)
+        self._actions = [FollowPathServer(self.ros, planner)]
+        if isinstance(settings.follows, GoalTopic):
+            self._actions.append(NavigateToPoseServer(self.ros, planner))
         self._timers = [
             self.ros.create_timer(1.0 / settings.rate, planner.publish),
             self.ros.create_timer(self._controller.period, self._due.set),
@@ -98,18 +101,19 @@ class ManagedPlanner:
         if self.planner is not None:
             self.planner.stop()
             time.sleep(TICK)  # a publisher that is destroyed at once may not send any more
-        if self._actions is not None:
-            self._actions.close()
+        for action in self._actions:
+            action.close()
+        self._actions.clear()
         self._link.close()
-        self.planner = self._actions = None
+        self.planner = None
 
     def leave(self, executor: Any, hurry: Any) -> None:
         """Brake to a stand as the robot can, or at once where there is hurry; clean up then."""
         planner = self.planner
         if planner is not None:
             planner.active = False
-            if self._actions is not None:
-                self._actions.abort("the planner leaves")
+            for action in self._actions:
+                action.abort("the planner leaves")
             for timer in self._timers[:1]:
                 self.ros.destroy_timer(timer)
             end, period = time.monotonic() + LONGEST_STOP, 1.0 / planner.settings.rate
@@ -221,7 +225,11 @@ def run_planner(
             node.ros.trigger_activate()
         try:
             while rclpy.ok() and not signals.count and time.monotonic() < end:
-                executor.spin_once(timeout_sec=TICK)
+                try:
+                    executor.spin_once(timeout_sec=TICK)
+                except Exception as error:  # a peer that is gone: it is said, and the node goes on
+                    node.ros.get_logger().error(f"{type(error).__name__}: {error}")
+                    time.sleep(TICK)
         finally:
             planner = node.planner
             node.leave(executor, lambda: signals.count > 1)

@@ -143,6 +143,8 @@ class PlannerNode:
         self._own = OwnMotion(settings.base_frame)
         self._path: Path | None = None
         self._fresh_path = False
+        self._ends = True
+        """Whether the path ends by itself where the robot has reached its end."""
         self._end = SpinGoal("", np.nan)
         """How the robot is to face at the end of a path of a topic."""
         self._smoother: VelocitySmoother | None = None
@@ -245,22 +247,45 @@ class PlannerNode:
                 self.odometry_came.set()
             elif isinstance(content, PathMessage):
                 self._take_path(decoded.frame, content.points, content.heading)
+                self._ends = True
             elif isinstance(content, Goal | OccupancyGrid) and self._goals is not None:
                 self._goals.receive(decoded)
             elif self._obstacles is not None:
                 self._obstacles.receive(decoded, now)
 
     def follow(self, frame: str, points: Array) -> bool:
-        """Follow a path of points (P, 2) in m of a frame; return whether it can be followed."""
+        """Follow a path of points (P, 2) in m of a frame; return whether it can be followed.
+
+        Its end is up to the caller, see `turn` and `halt`.
+        """
         with self._lock:
             refused, self._turn = self.counts.refused, None
             self._take_path(frame, points)
+            self._ends = False
             return self._path is not None and self.counts.refused == refused
 
     def halt(self) -> None:
-        """Forget the path: the robot brakes."""
+        """Forget the path and the goal: the robot brakes."""
         with self._lock:
+            if self._goals is not None:
+                self._goals.forget()
             self._take_path("", np.zeros((0, 2)))
+
+    def go(self, frame: str, goal: Goal) -> None:
+        """Drive to a goal of a frame, as to one of a topic; `NodeSettings.follows` has goals."""
+        with self._lock:
+            assert self._goals is not None
+            self._goals.receive(DecodedMessage(0, frame, goal))
+
+    @property
+    def goal(self) -> Goal | None:
+        """The goal that the robot drives to; None where there is none, or it was reached."""
+        return None if self._goals is None else self._goals.goal
+
+    @property
+    def turns(self) -> bool:
+        """Whether the robot turns on the spot."""
+        return self._turn is not None
 
     def turn(self, frame: str, heading: float) -> float:
         """Brake, and turn on the spot to a heading of a frame, rad, until another path comes.
@@ -449,6 +474,8 @@ class PlannerNode:
         with self._lock:
             path, motion, end = self._path, self.motion, self._end
             if not isinstance(follows, PathTopic) or path is None or motion is None:
+                return
+            if not self._ends:
                 return
             assert self._arrival is not None
             self._turn = None

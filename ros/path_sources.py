@@ -183,6 +183,8 @@ class GoalPlanner:
         self.walls: tuple[Polygon, ...] = ()
         """Walls of the map around the robot at the last route, in the frame of the odometry; what
         connects the two frames is taken to be exact."""
+        self.goal: Goal | None = None
+        """The newest goal; None where there is none, or it was reached."""
         self._goal: tuple[str, Array] | None = None
         self._straight_goal: tuple[str, Array] | None = None
         self._map: KnownMap | None = None
@@ -196,10 +198,14 @@ class GoalPlanner:
     def receive(self, decoded: DecodedMessage) -> None:
         """Take a goal or a map."""
         if isinstance(decoded.content, Goal):
-            goal = decoded.content
+            self.goal = goal = decoded.content
             self._goal, self._there = (decoded.frame, np.array([*goal.place, goal.heading])), False
         elif isinstance(decoded.content, OccupancyGrid):
             self._map = KnownMap(decoded.content, decoded.frame or "map")
+
+    def forget(self) -> None:
+        """Forget the goal, and the route to it."""
+        self.goal = self._goal = self._kept = self._route = None
 
     def request(self, own: OwnMotion) -> "RouteRequest | RouteResult | SpinGoal | None":
         """Return the request for a route, a straight route, a turn, or None if all stays.
@@ -257,7 +263,7 @@ class GoalPlanner:
         frame, aim = self._goal
         if abs(within_pi(float(goal[2] - here[2]))) > self._skew:  # never of a heading that is NaN
             return SpinGoal(frame, float(aim[2]))
-        self._goal = self._kept = self._route = None
+        self.forget()
         return RouteResult("", np.zeros((0, 2)))
 
     def warm_up(self) -> None:

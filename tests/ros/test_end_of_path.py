@@ -12,7 +12,7 @@ from wideberth.framework.control.end_of_path import Arrival
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
-from wideberth.ros.following import Follower, Following, ResultCode
+from wideberth.ros.following import PathFollower, Following, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import ARRIVED
 from wideberth.ros.path_sources import PathTopic
@@ -112,7 +112,7 @@ def test_a_path_without_a_heading_ends_with_a_robot_that_stands(
     monkeypatch.setattr(test_node, "ROBOT", robot)
     loop = Drive(Scripted(), follows=None)
     loop.move()
-    follower = Follower(loop.node, Following(), loop.now)
+    follower = PathFollower(loop.node, Following(), loop.now)
     assert follower.begin("odom", np.array(WAY)) is None
     end, said = None, set()
     for _ in range(400):

@@ -14,7 +14,7 @@ from wideberth import Path as WorldPath
 from wideberth import WideberthError
 from wideberth.experiments.cli.app import main
 from wideberth.experiments.cli.ros_node import read_node
-from wideberth.ros.following import Follower, Following, ResultCode
+from wideberth.ros.following import Following, PathFollower, ResultCode
 from wideberth.ros.link import ros
 from wideberth.ros.node import TURNING
 from wideberth.tests.helpers.bags import odometry
@@ -25,14 +25,14 @@ pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
 WAY = np.array([[0.0, 0.0], [3.0, 0.0]])
 
 
-def follower(loop: Loop, **settings: float) -> Follower:
+def follower(loop: Loop, **settings: float) -> PathFollower:
     loop.turn()
-    made = Follower(loop.node, Following(**settings), loop.now)
+    made = PathFollower(loop.node, Following(**settings), loop.now)
     assert made.begin("odom", WAY) is None
     return made
 
 
-def until_it_ends(loop: Loop, one: Follower, most: float = 60.0, **how: bool) -> Any:
+def until_it_ends(loop: Loop, one: PathFollower, most: float = 60.0, **how: bool) -> Any:
     """Drive along x as told until the path has ended; return how, and where."""
     x, begin = 0.0, loop.now
     while loop.now - begin < most:
@@ -85,7 +85,7 @@ def test_silence_is_a_time_out() -> None:
 
 def test_paths_that_cannot_be_followed_are_refused() -> None:
     loop = Loop(follows=None)
-    made = Follower(loop.node, Following(), loop.now)
+    made = PathFollower(loop.node, Following(), loop.now)
     assert made.begin("odom", WAY).code is ResultCode.TF_ERROR  # type: ignore[union-attr]
     loop.turn()
     for frame, points in (("moon", WAY), ("odom", WAY[:1]), ("odom", np.full((2, 2), np.nan))):
@@ -102,7 +102,7 @@ ROUND = WorldPath(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0
 def test_a_path_that_passes_its_own_end_is_followed_to_its_end(heading: float) -> None:
     loop = Loop(follows=None)
     loop.turn()
-    one = Follower(loop.node, Following(), loop.now)
+    one = PathFollower(loop.node, Following(), loop.now)
     assert one.begin("odom", ROUND.points, heading) is None
     arcs = np.arange(0.0, ROUND.length, 0.025)
     for arc in arcs:
@@ -125,7 +125,7 @@ def test_a_path_that_passes_its_own_end_is_followed_to_its_end(heading: float) -
 def test_a_robot_that_has_passed_the_end_is_not_there() -> None:
     loop = Loop(follows=None)
     loop.turn()
-    one = Follower(loop.node, Following(), loop.now)
+    one = PathFollower(loop.node, Following(), loop.now)
     assert one.begin("odom", WAY, 1.0) is None
     for x in (2.0, 2.5, 2.9, 3.4, 3.6, 5.0):
         speed = 0.5 if x < 5.0 else 0.0

@@ -12,7 +12,7 @@ from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.polygon import Polygon
 from wideberth.robots import Bicycle, Unicycle
 from wideberth.ros.decoding import decode_message, heading_of
-from wideberth.ros.following import Follower, Following, ResultCode
+from wideberth.ros.following import Following, PathFollower, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import NO_ROOM, TURNING
 from wideberth.ros.path_sources import GoalTopic, KnownMap, MapPlanner
@@ -168,7 +168,7 @@ def followed(heading: float, robot: Any = None, **settings: float) -> tuple[Any,
     """Follow a path to a heading; return how it ended."""
     loop = Drive(Arriving(), follows=None)
     loop.move()
-    one = Follower(loop.node, Following(**settings), loop.now)
+    one = PathFollower(loop.node, Following(**settings), loop.now)
     assert one.begin("odom", np.stack([np.zeros(2), GOAL]), heading) is None
     for _ in range(1000):
         loop.move()
@@ -241,7 +241,7 @@ def test_corners_are_not_swept_over_somebody_beside_the_robot(
     one = None
     loop.move()
     if action:
-        one = Follower(loop.node, Following(), loop.now)
+        one = PathFollower(loop.node, Following(), loop.now)
         assert one.begin("odom", np.stack([np.zeros(2), GOAL]), 2.0) is None
     else:
         loop.ask(2.0)
