@@ -12,7 +12,7 @@ from wideberth.framework.control.end_of_path import Arrival
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
-from wideberth.ros.following import PathFollower, Following, ResultCode
+from wideberth.ros.following import Following, PathFollower, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import ARRIVED
 from wideberth.ros.path_sources import PathTopic
