@@ -1,0 +1,171 @@
+"""Processes of a real ROS 2 in a network of their own, with logs that are kept."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+DISTRIBUTIONS = ("kilted", "jazzy")
+ROBOT = ROOT / "tests" / "helpers" / "rclpy_robot.py"
+PATIENCE = 30.0
+"""s, for which something is waited for, unless a test says otherwise."""
+OVERLAY = (
+    "import json, sys\n"
+    "before = set(sys.path)\n"
+    "from wideberth.tests.helpers import compile_messages\n"
+    "print(json.dumps([place for place in sys.path if place not in before]))"
+)
+
+
+def python_of(distribution: str) -> Path:
+    """Return the Python of an environment that `make ros` makes."""
+    return ROOT / ".venv" / f"ros-{distribution}" / "bin" / "python"
+
+
+@cache
+def overlay(distribution: str) -> list[str]:
+    """Return the folders of compiled messages, as of a workspace that is sourced."""
+    python = str(python_of(distribution))
+    found = subprocess.run([python, "-c", OVERLAY], capture_output=True, text=True, check=True)
+    return list(json.loads(found.stdout.splitlines()[-1]))
+
+
+@dataclass
+class Process:
+    """A process that was started; its log holds what it printed."""
+
+    child: subprocess.Popen[str]
+    log: Path
+
+    def say(self, line: str) -> None:
+        """Write a line to its input."""
+        assert self.child.stdin is not None
+        self.child.stdin.write(line + "\n")
+        self.child.stdin.flush()
+
+    def signal(self, number: int) -> None:
+        """Send a signal to it and to what it started."""
+        os.killpg(self.child.pid, number)
+
+    def ended(self, seconds: float = PATIENCE) -> int:
+        """Wait for its end; return its exit status."""
+        return self.child.wait(seconds)
+
+    def text(self) -> str:
+        """Return what it printed."""
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+
+@dataclass
+class Robot(Process):
+    """The robot of rclpy_robot.py; `rows` is what it noted, a row each 0.05 s."""
+
+    trace: Path
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return all that was noted so far."""
+        text = self.trace.read_text(encoding="utf-8") if self.trace.is_file() else ""
+        return [json.loads(line) for line in text.splitlines(keepends=True) if line[-1] == "\n"]
+
+    def until(
+        self, wanted: Callable[[dict[str, Any]], bool], seconds: float = PATIENCE, what: str = ""
+    ) -> dict[str, Any]:
+        """Wait for a row from now on that is wanted; return it."""
+        begin, end = len(self.rows()), time.monotonic() + seconds
+        while time.monotonic() < end:
+            for row in self.rows()[begin:]:
+                if wanted(row):
+                    return row
+            assert self.child.poll() is None, self.text()
+            time.sleep(0.02)
+        raise AssertionError(f"{what or 'it'} did not come; the last was {self.rows()[-1:]}")
+
+
+@dataclass
+class Network:
+    """A network of one distribution, for one test."""
+
+    distribution: str
+    folder: Path
+    domain: int
+    keeper: int | None
+    """Process that holds the network; None for this computer's own."""
+    started: list[Process] = field(default_factory=list)
+
+    def start(self, *arguments: object, name: str, **environment: str) -> Process:
+        """Start the Python of the distribution; ``name`` is that of the log."""
+        log = self.folder / f"{name}-{len(self.started)}.log"
+        inside = ["nsenter", "-t", str(self.keeper), "-U", "-n", "--preserve-credentials"]
+        command = [str(one) for one in (python_of(self.distribution), *arguments)]
+        with log.open("w") as out:
+            child = subprocess.Popen(
+                [*(inside if self.keeper else []), *command],
+                stdin=subprocess.PIPE, stdout=out, stderr=subprocess.STDOUT, text=True,
+                env=self._environment() | environment, cwd=self.folder, start_new_session=True,
+            )  # fmt: skip
+        process = Process(child, log)
+        self.started.append(process)
+        return process
+
+    def robot(self, *arguments: object, **environment: str) -> Robot:
+        """Start the robot; its arguments are those of rclpy_robot.py."""
+        trace = self.folder / f"robot-{len(self.started)}.jsonl"
+        folders = overlay(self.distribution)
+        paths = {
+            "PYTHONPATH": os.pathsep.join(folders),
+            "LD_LIBRARY_PATH": os.pathsep.join(
+                str(place) for folder in folders for place in Path(folder).iterdir()
+            ),
+        }
+        process = self.start(ROBOT, trace, *arguments, name="robot", **paths, **environment)
+        return Robot(process.child, process.log, trace)
+
+    def node(self, config: Path, *arguments: object, **environment: str) -> Process:
+        """Start `wideberth node`."""
+        return self.start(
+            "-m", "wideberth", "node", config, *arguments, name="node", **environment
+        )
+
+    def close(self) -> None:
+        """End all that was started."""
+        for process in self.started:
+            if process.child.poll() is None:
+                process.signal(signal.SIGKILL)
+            process.child.wait()
+            if process.child.stdin is not None:
+                process.child.stdin.close()
+
+    def _environment(self) -> dict[str, str]:
+        return os.environ | {
+            "ROS_DOMAIN_ID": str(self.domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_LOG_DIR": str(self.folder / "log"),
+            "PYTHONUNBUFFERED": "1",
+        }
+
+
+def keeper() -> subprocess.Popen[str] | None:
+    """Start a process that holds a network of its own; None where the kernel lets us not."""
+    if sys.platform != "linux" or not all(map(shutil.which, ("unshare", "nsenter", "ip"))):
+        return None
+    script = "ip link set lo up && echo up && exec sleep 3600"
+    child = subprocess.Popen(
+        ["unshare", "-rn", "sh", "-c", script], stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+    )  # fmt: skip
+    assert child.stdout is not None
+    with child.stdout:
+        if child.stdout.readline() == "up\n":
+            return child
+    child.kill()
+    child.wait()
+    return None

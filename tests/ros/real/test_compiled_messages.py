@@ -1,0 +1,38 @@
+"""Messages that were compiled, between two processes of a real ROS 2."""
+
+import json
+
+from wideberth.ros.messages import messages
+from wideberth.tests.helpers.ros_processes import ROOT, Network
+
+PEER = ROOT / "tests/ros/real/messages_peer.py"
+ABORTED, CANCELED, NO_PROGRESS = 6, 5, 105
+"""States of goals, and an error of FollowPath."""
+ACTIONS = {
+    "FollowPath": "9d95513552fb578cfb933d7e0160273911269cbdf4b348f1acb87d8a903b13cf",
+    "NavigateToPose": "a56dba8a3234a1215e610180dc703ae25bbf406dded8b54887891c9732857eab",
+}
+"""Hashes in public builds of Nav2 for Jazzy and Kilted."""
+KINDS = {
+    "tf": "tf2_msgs/msg/TFMessage",
+    "people": "nav2_dynamic_msgs/msg/ObstacleArray",
+    "seen": "vision_msgs/msg/Detection3DArray",
+    "limit": "nav2_msgs/msg/SpeedLimit",
+}
+
+
+def test_two_processes_exchange_messages_and_goals(network: Network) -> None:
+    giver = network.start(PEER, "give", name="giver")
+    taker = network.start(PEER, "take", name="taker")
+    assert taker.ended(60.0) == 0, taker.text() + giver.text()
+    found = json.loads(taker.text().splitlines()[-1])
+    assert found["same"] == dict.fromkeys(KINDS, True)
+    assert found["failed"] == [ABORTED, NO_PROGRESS, "mpc"]
+    assert found["cancelled"] == CANCELED
+    assert found["feedback"] == [10.0, 9.0, 8.0, 7.0, 6.0]
+    known = messages(network.distribution)
+    assert found["hashes"] == {name: known.type_hash(kind) for name, kind in KINDS.items()}
+    assert found["actions"] == {name: f"RIHS01_{one}" for name, one in ACTIONS.items()}
+    code = "from wideberth.ros.interfaces import provide; provide(['tf2_msgs', 'nav2_msgs'])"
+    again = network.start("-c", code, name="again")
+    assert again.ended() == 0 and again.text() == ""
