@@ -1,9 +1,8 @@
 """A planner as a managed node of rclpy: states, parameters, timers, and a stop when it leaves."""
 
-import signal
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from typing import Any, final
@@ -11,6 +10,7 @@ from typing import Any, final
 from ..framework.controller import Controller
 from ..framework.robot import Robot
 from .actions import FollowPathServer, GoalServer, NavigateToPoseServer
+from .leaving import Signals, brake, decide_forever
 from .link import RosLink, ros
 from .node import PlannerNode
 from .node_settings import NodeSettings
@@ -19,8 +19,6 @@ from .path_sources import GoalTopic
 
 NAME = "wideberth"
 """Of the node, where ``-r __node:=NAME`` states no other."""
-LONGEST_STOP = 3.0
-"""s, for which a node that leaves brakes; then it sends zero."""
 TICK = 0.05
 """s, after which signals are looked at."""
 
@@ -73,19 +71,8 @@ class ManagedPlanner:
             self.ros.create_timer(1.0, planner.publish_diagnostics),
         ]
         self._over.clear()
-        threading.Thread(target=self._decide, args=(planner,), name="planner", daemon=True).start()
-
-    def _decide(self, planner: PlannerNode) -> None:
-        """Decide by the first odometry after each of the controller's periods.
-
-        Where none comes it is decided all the same, as that says why the robot stands.
-        """
-        while not self._over.is_set():
-            if self._due.wait(1.0):
-                self._due.clear()
-                planner.odometry_came.clear()
-                planner.odometry_came.wait(1.0 / planner.settings.rate)
-                planner.decide()
+        deciding = (planner, self._due, self._over)
+        threading.Thread(target=decide_forever, args=deciding, name="planner", daemon=True).start()
 
     def activate(self, active: bool = True) -> None:
         """Let the robot drive, or brake."""
@@ -107,21 +94,19 @@ class ManagedPlanner:
         self._link.close()
         self.planner = None
 
-    def leave(self, executor: Any, hurry: Any) -> None:
+    def leave(self, executor: Any, hurry: Callable[[], bool]) -> None:
         """Brake to a stand as the robot can, or at once where there is hurry; clean up then."""
-        planner = self.planner
-        if planner is not None:
-            planner.active = False
+        if self.planner is not None:
+            self.planner.active = False
             for action in self._actions:
                 action.abort("the planner leaves")
-            for timer in self._timers[:1]:
-                self.ros.destroy_timer(timer)
-            end, period = time.monotonic() + LONGEST_STOP, 1.0 / planner.settings.rate
-            while not planner.stands and not hurry() and time.monotonic() < end:
-                planner.publish()
+            self.ros.destroy_timer(self._timers.pop(0))
+
+            def meanwhile() -> None:
                 with suppress(Exception):  # the robot's stop does not depend on it
                     executor.spin_once(timeout_sec=0.0)
-                time.sleep(period)
+
+            brake(self.planner, hurry, meanwhile)
         self.clean_up()
 
     def _change(self, settings: NodeSettings, limit: float) -> None:
@@ -176,19 +161,6 @@ def _lifecycle_node() -> Any:
             return well
 
     return Node
-
-
-@final
-class Signals:
-    """Counts SIGINT and SIGTERM instead of what they do otherwise."""
-
-    def __init__(self) -> None:
-        self.count: int = 0
-        for one in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(one, self._take)
-
-    def _take(self, *_: Any) -> None:
-        self.count += 1
 
 
 def run_planner(

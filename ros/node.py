@@ -143,13 +143,11 @@ class PlannerNode:
         self._own = OwnMotion(settings.base_frame)
         self._path: Path | None = None
         self._fresh_path = False
-        self._ends = True
-        """Whether the path ends by itself where the robot has reached its end."""
-        self._end = SpinGoal("", np.nan)
-        """How the robot is to face at the end of a path of a topic."""
+        self._ends, self._end = True, SpinGoal("", np.nan)
+        """Whether a path ends by itself where the robot reaches its end, and how it faces there."""
         self._smoother: VelocitySmoother | None = None
         self._last: Array | None = None
-        self._decided = self._sent = -np.inf
+        self._decided = self._sent = self._looked = -np.inf
         self._limit = np.inf
         self._turn: SpinGoal | None = None
         self._room: SpinGoal | None = None
@@ -163,7 +161,6 @@ class PlannerNode:
         self.odometry_came: threading.Event = threading.Event()
         """Set with each odometry."""
         self._lock = threading.RLock()
-        self._looked = -np.inf
         self._obstacles: ObstacleSource | None = None
         self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None

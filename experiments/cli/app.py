@@ -750,12 +750,16 @@ def node(
     seconds: Annotated[
         float | None, Option(help="After which it stops; endless by default.")
     ] = None,
+    relay: Annotated[
+        str | None,
+        Option(help="Command of another Python, which has rclpy: a relay runs there."),
+    ] = None,
     ros: RosArguments = None,
 ) -> None:
     """Drive a robot of ROS 2: a managed node of rclpy."""
     from .ros_node import run_node
 
-    run_node(expanded(file), set_ or [], ros or [], seconds)
+    run_node(expanded(file), set_ or [], ros or [], seconds, relay)
 
 
 @app.command(no_args_is_help=True)

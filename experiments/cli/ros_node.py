@@ -1,5 +1,6 @@
 """A planner as a node of ROS 2, from a config."""
 
+import shlex
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from ...ros.managed_node import run_planner
 from ...ros.node_settings import NodeSettings
 from ...ros.obstacle_sources import ObstacleTopic, ScanTopic
 from ...ros.path_sources import GoalTopic, KnownMap, MapPlanner, MapTopic, PathTopic
+from ...ros.relayed import run_relayed
 from ...routes.map_file import read_map
 from ...routes.polygons import convex_polygons
 from ...routes.replanning import Replanning
@@ -168,6 +170,7 @@ def run_node(
     overrides: Sequence[str],
     arguments: Sequence[str] = (),
     seconds: float | None = None,
+    relay: str | None = None,
 ) -> None:
     """Run a node until it is stopped.
 
@@ -176,6 +179,7 @@ def run_node(
     path, overrides : as of `read_node`.
     arguments : for ROS, as in ``["--ros-args", "-r", "/odom:=/robot/odom"]``.
     seconds : after which it stops; None for never.
+    relay : command of the Python that has rclpy; None for this one.
 
     Raises
     ------
@@ -184,7 +188,11 @@ def run_node(
     planner, settings = read_node(path, overrides)
     assert isinstance(planner, DrivesRobot)
     begin, used = time.monotonic(), time.process_time()
-    node = run_planner(planner, planner.robot, settings, arguments, seconds)
+    given = (planner, planner.robot, settings)
+    if relay is None:
+        node = run_planner(*given, arguments, seconds)
+    else:
+        node = run_relayed(*given, shlex.split(relay), arguments, seconds)
     if node is None:
         return
     counts = node.counts

@@ -1,0 +1,170 @@
+"""A relay between a planner and ROS 2, for a Python of ROS that is not the planner's.
+
+It is a program of its own, which needs rclpy alone and Python 3.8 or newer: ``wideberth node``
+starts it by its ``--relay``. Frames go through its input and output: a line of JSON, and as many
+bytes of a message in CDR as its ``size`` says. When its input ends it sends a velocity of zero, if
+the last one was not.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+from typing import Any, BinaryIO
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.signals import SignalHandlerOptions
+
+VELOCITIES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
+"""Types of which a last message of zero is sent."""
+LOOK = 0.5
+"""s, after which it is looked anew who listens."""
+
+
+def message_class(kind: str) -> Any:
+    """Return the class of a type, as of "nav_msgs/msg/Path"; None if it is not installed."""
+    package, folder, name = kind.split("/")
+    try:
+        return getattr(__import__(f"{package}.{folder}", fromlist=[name]), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+class Relay:
+    """Publishes and subscribes as the frames of its input say.
+
+    Parameters
+    ----------
+    node : of rclpy. source, sink : binary streams of frames.
+    """
+
+    def __init__(self, node: Any, source: BinaryIO, sink: BinaryIO) -> None:
+        self.node, self.source, self.sink = node, source, sink
+        self.publishers: dict[tuple[str, str], Any] = {}
+        self.last: dict[tuple[str, str], bytes] = {}
+        self.watched: set[str] = set()
+        self.lock = threading.Lock()
+        node.create_timer(LOOK, self.look)
+
+    def put(self, head: dict[str, Any], data: bytes = b"") -> None:
+        """Write a frame."""
+        line = json.dumps({**head, "size": len(data)}).encode() + b"\n"
+        try:
+            with self.lock:
+                self.sink.write(line + data)
+                self.sink.flush()
+        except OSError:  # the planner is gone: the input ends too
+            pass
+
+    def run(self) -> None:
+        """Do what the frames of the input say, until it ends."""
+        for line in iter(self.source.readline, b""):
+            head = json.loads(line)
+            getattr(self, head["do"])(head, self.source.read(head["size"]))
+
+    def publisher(self, head: dict[str, Any], _: bytes) -> None:
+        """Open a topic to send on."""
+        kind = message_class(head["kind"])
+        if kind is None:
+            return self.put({"lacks": head["kind"]})
+        quality = self.quality(True, head["kept"])
+        made = self.node.create_publisher(kind, head["topic"], quality)
+        self.publishers[head["topic"], head["kind"]] = made
+        self.watched.add(head["topic"])
+        return None
+
+    def subscriber(self, head: dict[str, Any], _: bytes) -> None:
+        """Open a topic to take from."""
+        topic, kind = head["topic"], message_class(head["kind"])
+        if kind is None:
+            return self.put({"lacks": head["kind"]})
+        quality = self.quality(head["reliable"] or head["kept"], head["kept"])
+
+        def take(data: bytes) -> None:
+            self.put({"message": topic, "kind": head["kind"]}, bytes(data))
+
+        self.node.create_subscription(kind, topic, take, quality, raw=True)
+        return None
+
+    def watch(self, head: dict[str, Any], _: bytes) -> None:
+        """Say from now on who listens to a topic."""
+        self.watched.add(head["topic"])
+        self.look()
+
+    def send(self, head: dict[str, Any], data: bytes) -> None:
+        """Send a message."""
+        key = head["topic"], head["kind"]
+        if key in self.publishers:
+            self.publishers[key].publish(data)
+            self.last[key] = data
+
+    def look(self) -> None:
+        """Say who listens."""
+        found = {}
+        for topic in sorted(self.watched):
+            every = self.node.get_subscriptions_info_by_topic(self.node.resolve_topic_name(topic))
+            found[topic] = sorted({one.topic_type for one in every})
+        self.put({"listeners": found})
+
+    def stop(self) -> None:
+        """Send a velocity of zero where the last one was not."""
+        for (topic, kind), data in self.last.items():
+            if kind in VELOCITIES:
+                message = deserialize_message(data, message_class(kind))
+                twist = getattr(message, "twist", message)
+                if twist.linear.x or twist.linear.y or twist.linear.z or twist.angular.z:
+                    twist.linear.x = twist.linear.y = twist.linear.z = twist.angular.z = 0.0
+                    self.publishers[topic, kind].publish(serialize_message(message))
+
+    @staticmethod
+    def quality(reliable: bool, kept: bool) -> Any:
+        """Return the quality of service of a topic."""
+        return QoSProfile(
+            depth=10,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+        )
+
+
+def spin(executor: Any) -> None:
+    """Take messages until ROS is shut down."""
+    while rclpy.ok():
+        try:
+            executor.spin_once(timeout_sec=0.5)
+        except ExternalShutdownException:
+            return
+
+
+def main() -> None:
+    """Relay until the input ends."""
+    sink = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what ROS prints is no frame
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("wideberth")
+    relay = Relay(node, sys.stdin.buffer, sink)
+    relay.put({"distribution": os.environ.get("ROS_DISTRO", "")})
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    spinning = threading.Thread(target=spin, args=(executor,), daemon=True)
+    spinning.start()
+    try:
+        relay.run()
+    finally:
+        relay.stop()
+        time.sleep(0.1)  # a publisher that is destroyed at once may not send any more
+        rclpy.shutdown()
+        spinning.join(1.0)
+
+
+if __name__ == "__main__":
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the planner brakes first, and ends the input
+    main()
