@@ -80,8 +80,7 @@ def provide(packages: Iterable[str]) -> None:
             sys.path.append(str(folder))
             invalidate_caches()
             for library in list(_LIBRARIES)[:-1]:  # they are found by name from here on
-                path = folder / package / library.format(package)
-                ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+                ctypes.CDLL(str(folder / package / library.format(package)))
 
 
 def _compiled(package: str) -> Path:
@@ -169,8 +168,10 @@ class _Package:
                 ignore=shutil.ignore_patterns("*.c"),
             )
             (package / "__init__.py").touch()
+            first, *others = _LIBRARIES
+            self._compile(work, first)
             with ThreadPoolExecutor(os.cpu_count()) as pool:
-                list(pool.map(lambda library: self._compile(work, library), _LIBRARIES))
+                list(pool.map(lambda library: self._compile(work, library, first), others))
             (work / "whole").rename(path)
 
     def _generate(self, work: Path) -> None:
@@ -218,11 +219,11 @@ class _Package:
     def _found(self, name: str) -> Path:
         return next(place / name for place in self.prefixes if (place / name).exists())
 
-    def _compile(self, work: Path, library: str) -> None:
-        """Compile one library of the package."""
+    def _compile(self, work: Path, library: str, *needed: str) -> None:
+        """Compile one library of the package, which needs others of it."""
         import numpy as np
 
-        name = library.format(self.name)
+        name, out = library.format(self.name), work / "whole" / self.name
         headers = [prefix / "include" for prefix in self.prefixes]
         included = [
             *(work / generator for generator in _GENERATORS),
@@ -239,14 +240,15 @@ class _Package:
             for prefix in self.prefixes
             for folder in (prefix / "lib", *prefix.glob("lib/*-linux-gnu"))
         ]
-        linked = [path for folder in folders for kind in _LINKED for path in folder.glob(kind)]
+        linked = [out / one.format(self.name) for one in needed]
+        linked += [path for folder in folders for kind in _LINKED for path in folder.glob(kind)]
         command: list[object] = [
             *("cc", "-shared", "-fPIC", "-O1", "-w", "-DNDEBUG"),
-            *("-o", work / "whole" / self.name / name, f"-Wl,-soname,{name}"),
+            *("-o", out / name, f"-Wl,-soname,{name}"),
             *(f"-I{folder}" for folder in included),
             *sources,
             *("-Wl,--as-needed", *linked, "-lstdc++"),
-            *(f"-Wl,-rpath,{folder}" for folder in folders),
+            *(f"-Wl,-rpath,{folder}" for folder in ("$ORIGIN", *folders)),
         ]
         done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
         if done.returncode:

@@ -131,9 +131,8 @@ class Network:
 
     def node(self, config: Path, *arguments: object, **environment: str) -> Process:
         """Start `wideberth node`."""
-        return self.start(
-            "-m", "wideberth", "node", config, *arguments, name="node", **environment
-        )
+        command = python_of(self.distribution).with_name("wideberth")
+        return self.start(command, "node", config, *arguments, name="node", **environment)
 
     def close(self) -> None:
         """End all that was started."""
