@@ -1,28 +1,13 @@
 """What each way to run a planner shares: it decides in a thread, and brakes before it leaves."""
 
-import signal
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, final
 
 from .node import PlannerNode
 
 LONGEST_STOP = 3.0
 """s, for which a node that leaves brakes; then it sends zero."""
-
-
-@final
-class Signals:
-    """Counts SIGINT and SIGTERM instead of what they do otherwise."""
-
-    def __init__(self) -> None:
-        self.count: int = 0
-        for one in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(one, self._take)
-
-    def _take(self, *_: Any) -> None:
-        self.count += 1
 
 
 def decide_forever(planner: PlannerNode, due: threading.Event, over: threading.Event) -> None:

@@ -1,7 +1,10 @@
 """Topics of a node of rclpy: messages are made, sent and received as ROS 2's own classes."""
 
 import array
-from collections.abc import Callable
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from typing import Any, Protocol, final
@@ -14,6 +17,8 @@ from .encoding import MessageTypes
 
 QUEUE = 10
 """Messages that wait to be sent or taken, as by default in ROS 2."""
+TICK = 0.05
+"""s, after which signals are looked at."""
 Take = Callable[[Any], None]
 """Called with each message that comes."""
 
@@ -213,3 +218,55 @@ class _RosPublisher:
 
     def send(self, message: Any) -> None:
         self._publisher.publish(message)
+
+
+class Signals:
+    """Counts SIGINT and SIGTERM instead of what they do otherwise."""
+
+    def __init__(self) -> None:
+        self.count: int = 0
+        """That have come."""
+        for one in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(one, self._take)
+
+    def _take(self, *_: Any) -> None:
+        self.count += 1
+
+
+@final
+class RosProcess(Signals):
+    """A process of ROS 2 that works until a signal comes."""
+
+    def spin(self, executor: Any, seconds: float | None = None) -> None:
+        """Let an executor work until a signal comes, or for so long, s."""
+        ok, log = ros("rclpy").ok, ros("rclpy.logging").get_logger("wideberth")
+        end = float("inf") if seconds is None else time.monotonic() + seconds
+        while ok() and not self.count and time.monotonic() < end:
+            try:
+                executor.spin_once(timeout_sec=TICK)
+            except Exception as error:  # a peer that is gone: it is said, and the node goes on
+                log.error(f"{type(error).__name__}: {error}")
+                time.sleep(TICK)
+
+
+@contextmanager
+def ros_process(arguments: Sequence[str]) -> Iterator[RosProcess]:
+    """Join ROS 2, and leave it at the end.
+
+    Parameters
+    ----------
+    arguments : for ROS, as in ``["--ros-args", "-r", "/odom:=/robot/odom"]``.
+
+    Raises
+    ------
+    WideberthError : ROS 2 is not found.
+    """
+    rclpy = ros("rclpy")
+    none = ros("rclpy.signals").SignalHandlerOptions.NO
+    process = RosProcess()
+    rclpy.init(args=list(arguments), signal_handler_options=none)
+    try:
+        yield process
+    finally:
+        if rclpy.ok():
+            rclpy.shutdown()

@@ -10,8 +10,8 @@ from typing import Any, final
 from ..framework.controller import Controller
 from ..framework.robot import Robot
 from .actions import FollowPathServer, GoalServer, NavigateToPoseServer
-from .leaving import Signals, brake, decide_forever
-from .link import RosLink, ros
+from .leaving import brake, decide_forever
+from .link import TICK, RosLink, ros, ros_process
 from .node import PlannerNode
 from .node_settings import NodeSettings
 from .parameters import NodeParameters
@@ -19,8 +19,6 @@ from .path_sources import GoalTopic
 
 NAME = "wideberth"
 """Of the node, where ``-r __node:=NAME`` states no other."""
-TICK = 0.05
-"""s, after which signals are looked at."""
 
 
 @final
@@ -182,13 +180,8 @@ def run_planner(
     ------
     WideberthError : ROS 2 is not found, or a parameter does not fit.
     """
-    rclpy = ros("rclpy")
-    its = ros("rclpy.signals").SignalHandlerOptions
-    signals = Signals()
-    rclpy.init(args=list(arguments), signal_handler_options=its.NO)
-    end = float("inf") if seconds is None else time.monotonic() + seconds
     planner = None
-    try:
+    with ros_process(arguments) as process:
         node = ManagedPlanner(controller, robot, settings)
         executor = ros("rclpy.executors").SingleThreadedExecutor()
         executor.add_node(node.ros)
@@ -196,17 +189,9 @@ def run_planner(
             node.ros.trigger_configure()
             node.ros.trigger_activate()
         try:
-            while rclpy.ok() and not signals.count and time.monotonic() < end:
-                try:
-                    executor.spin_once(timeout_sec=TICK)
-                except Exception as error:  # a peer that is gone: it is said, and the node goes on
-                    node.ros.get_logger().error(f"{type(error).__name__}: {error}")
-                    time.sleep(TICK)
+            process.spin(executor, seconds)
         finally:
             planner = node.planner
-            node.leave(executor, lambda: signals.count > 1)
+            node.leave(executor, lambda: process.count > 1)
             node.ros.destroy_node()
-    finally:
-        if rclpy.ok():
-            rclpy.shutdown()
     return planner

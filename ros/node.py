@@ -144,7 +144,7 @@ class PlannerNode:
         self._path: Path | None = None
         self._fresh_path = False
         self._ends, self._end = True, SpinGoal("", np.nan)
-        """Whether a path ends by itself where the robot reaches its end, and how it faces there."""
+        """Whether a path ends by itself where the robot reaches its end, and how it faces then."""
         self._smoother: VelocitySmoother | None = None
         self._last: Array | None = None
         self._decided = self._sent = self._looked = -np.inf

@@ -13,8 +13,8 @@ from ..framework.controller import Controller
 from ..framework.robot import Robot
 from ..framework.values.errors import WideberthError
 from .encoding import MessageTypes
-from .leaving import Signals, brake, decide_forever
-from .link import Publisher, Take
+from .leaving import brake, decide_forever
+from .link import Publisher, Signals, Take
 from .messages import DISTRIBUTIONS, Messages
 from .node import PlannerNode
 from .node_settings import NodeSettings

@@ -61,7 +61,7 @@ TlsCa = Annotated[Path | None, Option(help="PEM file: who signs the cluster's ce
 TlsCert = Annotated[Path | None, Option(help="PEM file: our certificate for the cluster.")]
 TlsKey = Annotated[Path | None, Option(help="PEM file: its key, if not in the same file.")]
 Parquet = Annotated[bool, Option("--parquet", help="Write table.parquet beside table.csv.")]
-
+Seconds = Annotated[float | None, Option(help="After which it stops; endless by default.")]
 RosArguments = Annotated[
     list[str] | None,
     Argument(
@@ -747,9 +747,7 @@ def nav2(
 def node(
     file: Annotated[str, Argument(help="A YAML file with `planner` and `node`.")],
     set_: Set = None,
-    seconds: Annotated[
-        float | None, Option(help="After which it stops; endless by default.")
-    ] = None,
+    seconds: Seconds = None,
     relay: Annotated[
         str | None,
         Option(help="Command of another Python, which has rclpy: a relay runs there."),
@@ -760,6 +758,19 @@ def node(
     from .ros_node import run_node
 
     run_node(expanded(file), set_ or [], ros or [], seconds, relay)
+
+
+@app.command(no_args_is_help=True)
+def forecast(
+    file: Annotated[str, Argument(help="A YAML file with `predictor` and `forecast`.")],
+    set_: Set = None,
+    seconds: Seconds = None,
+    ros: RosArguments = None,
+) -> None:
+    """Publish where people may be, for other planners of ROS 2: maps, points, Gaussians."""
+    from .ros_forecast import run_forecast
+
+    run_forecast(expanded(file), set_ or [], ros or [], seconds)
 
 
 @app.command(no_args_is_help=True)

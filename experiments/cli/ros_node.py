@@ -139,13 +139,13 @@ def _settings(path: Path, given: Any) -> NodeSettings:
     given = dict(given)
     try:
         if given.get("sees") is not None:
-            given["sees"] = _of_type(SEES, given["sees"], "node.sees")
+            given["sees"] = of_type(SEES, given["sees"], "node.sees")
         if (follows := given.get("follows")) is not None:
             if isinstance(follows, dict) and follows.get("type") == "goal" and "map" in follows:
                 place = follows["map"]
-                found = None if place is None else _of_type(MAPS, place, "node.follows.map")
+                found = None if place is None else of_type(MAPS, place, "node.follows.map")
                 follows = {**follows, "map": found}
-            chosen = _of_type(FOLLOWS, follows, "node.follows")
+            chosen = of_type(FOLLOWS, follows, "node.follows")
             given["follows"] = chosen.topic_of_goals() if isinstance(chosen, Goals) else chosen
         settings: NodeSettings = construct(NodeSettings, given, "node")
     except WideberthError as error:
@@ -153,7 +153,7 @@ def _settings(path: Path, given: Any) -> NodeSettings:
     return settings
 
 
-def _of_type(kinds: Mapping[str, type[Any]], value: Any, path: str) -> Any:
+def of_type(kinds: Mapping[str, type[Any]], value: Any, path: str) -> Any:
     """Build what the ``type`` of a mapping names; a text is the name of a type."""
     value = {"type": value} if isinstance(value, str) else value
     if not isinstance(value, Mapping) or "type" not in value:
