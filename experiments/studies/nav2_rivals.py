@@ -235,7 +235,10 @@ class Nav2Rivals(SeededStudy):
 
     def quick(self) -> Self:
         """One seed at the first place, under the first limits and view, of three controllers."""
-        return reduced(self, places=1, limits=1, views=1, controllers=3, seeds=1)
+        kept = [*self.controllers][:3]
+        partners = {one: two for one, two in self.partners.items() if {one, two} <= {*kept}}
+        whole = replace(self, partners=partners)
+        return reduced(whole, places=1, limits=1, views=1, controllers=3, seeds=1)
 
     def _begun(self, task: Task, looks: bool) -> tuple[Run, list[Watched]]:
         """Return an episode at its start, and the controllers of its robots."""
