@@ -397,14 +397,14 @@ def show(
     result: Annotated[
         str,
         Argument(
-            help="Folder of a result, or the name of its config; or the word config.",
+            help="Folder of a result, or the name of its config; or the word config, or ros.",
             autocompletion=completing.results,
         ),
     ],
     name: Annotated[
         str | None,
         Argument(
-            help="After the word config: the shipped config to print.",
+            help="After the word config: the config to print; after ros: the file for ROS 2.",
             autocompletion=completing.shipped_configs,
         ),
     ] = None,
@@ -457,14 +457,17 @@ def show(
 
 
 def _config_text(word: str, name: str, part: bool) -> str:
-    """Return the shipped config that the two words of `wideberth show` mean."""
+    """Return the shipped file that the two words of `wideberth show` mean."""
     from ..engine.shipped_configs import shipped_text
     from .describing import is_config_room
+    from .ros_files import ros_file
 
+    if word == "ros":
+        return ros_file(name)
     if not is_config_room(word):
         raise WideberthError(
             f"show takes one result, and {word!r} and {name!r} were given; two words are "
-            "`show config NAME`, which prints a shipped config"
+            "`show config NAME` or `show ros NAME`, which print a shipped file"
         )
     if part:
         raise WideberthError("--columns, --pivot, --latex and --markdown are of a result's tables")

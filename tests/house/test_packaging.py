@@ -15,6 +15,8 @@ TOP = (
     "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
     "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
 )  # fmt: skip
+DATA = ("experiments/data", "ros/files")
+"""Folders of files that are not modules."""
 FACE = ("__init__.py", "__init__.pyi", "py.typed")
 
 
@@ -30,7 +32,7 @@ def test_list_of_packages_agrees_with_the_folders() -> None:
 def test_no_folder_lacks_its_init() -> None:
     for room in TOP:
         for path in (ROOT / room).rglob("*.py"):
-            if path.parent != ROOT / "experiments" / "data":  # files, not modules
+            if path.parent.relative_to(ROOT).as_posix() not in DATA:
                 assert (path.parent / "__init__.py").exists(), path
 
 
@@ -72,7 +74,8 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     assert wanted <= names
     assert f"wideberth-{wideberth.__version__}.dist-info/METADATA" in names
     other = {name for name in names - wanted if ".dist-info/" not in name}
-    assert all(name.startswith("wideberth/experiments/data/") for name in other), other
+    data = tuple(f"wideberth/{folder}/" for folder in DATA)
+    assert all(name.startswith(data) for name in other), other
 
 
 def test_import_is_light_and_without_twins(tmp_path: Path) -> None:

@@ -1,19 +1,14 @@
 """Following a path to its end, with the results of Nav2's action FollowPath."""
 
-import runpy
-import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from wideberth import Path as WorldPath
 from wideberth import WideberthError
 from wideberth.experiments.cli.app import main
-from wideberth.experiments.cli.ros_node import read_node
 from wideberth.ros.following import Following, PathFollower, ResultCode
 from wideberth.ros.link import ros
 from wideberth.ros.node import TURNING
@@ -152,37 +147,6 @@ def test_without_ros_one_line_says_what_to_do() -> None:
 
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "nav2"
-
-
-def test_the_launch_file_starts_our_node_in_the_place_of_nav2s(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def made(**given: Any) -> Any:
-        return SimpleNamespace(**given)
-
-    for name, content in (
-        ("launch", {"LaunchDescription": lambda entries: entries}),
-        ("launch.actions", {"DeclareLaunchArgument": lambda name, **given: made(**given),
-                            "ExecuteProcess": made}),
-        ("launch.substitutions", {"LaunchConfiguration": lambda name: f"<{name}>"}),
-        ("launch_ros.actions", {"Node": made}),
-    ):  # fmt: skip
-        module = ModuleType(name)
-        vars(module).update(content)
-        monkeypatch.setitem(sys.modules, name, module)
-    found = runpy.run_path(str(EXAMPLES / "follow_path.launch.py"))[
-        "generate_launch_description"
-    ]()
-    commands = [one.cmd for one in found if hasattr(one, "cmd")]
-    assert commands == [["wideberth", "node", "<config>"]]
-    nodes = {one.executable for one in found if hasattr(one, "executable")}
-    assert "controller_server" not in nodes and "bt_navigator" in nodes
-    params = yaml.safe_load((EXAMPLES / "nav2_params.yaml").read_text())
-    configured = set(params) - {"global_costmap"}
-    assert configured <= nodes
-    costmap = params["global_costmap"]["global_costmap"]["ros__parameters"]
-    planner, _ = read_node(EXAMPLES.parent / "node.yaml", [])
-    assert costmap["robot_radius"] == planner.robot.radius  # type: ignore[attr-defined]
 
 
 def test_the_command_needs_ros(capsys: pytest.CaptureFixture[str]) -> None:
