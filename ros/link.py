@@ -221,16 +221,20 @@ class _RosPublisher:
 
 
 class Signals:
-    """Counts SIGINT and SIGTERM instead of what they do otherwise."""
+    """Ends a process that prepares by SIGINT or SIGTERM, and counts them in one that drives."""
 
     def __init__(self) -> None:
         self.count: int = 0
         """That have come."""
+        self.driving: bool = False
+        """Whether they are counted alone; otherwise they raise KeyboardInterrupt."""
         for one in (signal.SIGINT, signal.SIGTERM):
             signal.signal(one, self._take)
 
     def _take(self, *_: Any) -> None:
         self.count += 1
+        if not self.driving:
+            raise KeyboardInterrupt
 
 
 @final
@@ -239,6 +243,7 @@ class RosProcess(Signals):
 
     def spin(self, executor: Any, seconds: float | None = None) -> None:
         """Let an executor work until a signal comes, or for so long, s."""
+        self.driving = True
         ok, log = ros("rclpy").ok, ros("rclpy.logging").get_logger("wideberth")
         end = float("inf") if seconds is None else time.monotonic() + seconds
         while ok() and not self.count and time.monotonic() < end:
@@ -268,5 +273,6 @@ def ros_process(arguments: Sequence[str]) -> Iterator[RosProcess]:
     try:
         yield process
     finally:
+        process.driving = False
         if rclpy.ok():
             rclpy.shutdown()

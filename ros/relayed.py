@@ -177,6 +177,7 @@ def run_relayed(
     try:
         node = PlannerNode(controller, robot, settings, link)
         node.warm_up()
+        signals.driving = True
         due, over = threading.Event(), threading.Event()
         threading.Thread(target=decide_forever, args=(node, due, over), daemon=True).start()
         period, begin = 1.0 / settings.rate, time.monotonic()

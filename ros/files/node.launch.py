@@ -1,8 +1,6 @@
 """Start our planner as a node.
 
 ros2 launch node.launch.py config:=node.yaml use_sim_time:=true
-
-It was written from the documentation of launch, and run with a fake of it alone.
 """
 
 from launch import LaunchDescription
