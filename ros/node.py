@@ -620,6 +620,7 @@ class PlannerNode:
                                                                "failures", "refused")}  # fmt: skip
         if counts.latency:
             numbers["latency median, ms"] = f"{1e3 * float(np.median(counts.latency)):.1f}"
+        self._commands.agree()
         problem = self._commands.problem
         well = self.status in (DRIVING, TURNING, ARRIVED) and not problem
         text = f"{self.status}; {problem}" if problem else self.status

@@ -454,6 +454,14 @@ def test_commands_are_of_the_kind_that_is_taken(
     assert problem in found.message and (found.level == 1 or not problem)
 
 
+def test_a_robot_that_comes_while_the_node_waits_is_no_problem_any_more() -> None:
+    loop = Loop(listened=frozenset())
+    loop.network.listened = frozenset({STAMPED})
+    loop.node.publish_diagnostics()
+    (found,) = loop.network.wires["/diagnostics"].gone[0].status
+    assert found.message == "waiting for odometry"
+
+
 def test_a_robot_that_comes_later_is_sent_its_kind() -> None:
     loop = Loop(listened=frozenset())
     loop.path()
