@@ -1,7 +1,5 @@
 """Forecasts on the network: where people are by now, on grids that others take."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +25,9 @@ from wideberth.ros.forecast_node import (
     ForecastSettings,
     RobotArea,
 )
-from wideberth.ros.messages import messages
 from wideberth.ros.obstacle_sources import ScanTopic
 from wideberth.tests.helpers.bags import obstacles, odometry, transform
+from wideberth.tests.helpers.network import Network
 
 pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
 
@@ -41,47 +39,25 @@ POINT = ForecastCells(0.2, 0.2, tail=0.05)
 """Now, and hardly more."""
 
 
-@dataclass
-class Topic:
-    """A topic of a network that is not there."""
-
-    take: Callable[[Any], None] | None = None
-    has_subscribers: bool = True
-    gone: list[Any] = field(default_factory=list)
-
-    def send(self, message: Any) -> None:
-        messages().to_bytes(message)
-        self.gone.append(message)
-
-
 class Loop:
     """A node with a clock of its own, and someone who walks straight on."""
 
     def __init__(self, predictor: Predictor | None = None, **settings: Any) -> None:
-        self.known: Any = messages()
-        self.topics: dict[str, Topic] = {}
+        self.network = Network()
         self.now = 5.0
         self.shift = 0.0
         """s, by which the clock of the others differs."""
         settings.setdefault("cells", POINT)
         predictor = predictor or Kalman(acceleration_density=1e-4)
         self.node = ForecastNode(
-            predictor, ForecastSettings(**settings), self, lambda: round(1e9 * (EPOCH + self.now))
+            predictor,
+            ForecastSettings(**settings),
+            self.network,
+            lambda: round(1e9 * (EPOCH + self.now)),
         )
 
-    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Topic:
-        return self.topics.setdefault(topic, Topic())
-
-    def subscriber(self, topic: str, kind: str, take: Callable[[Any], None], **_: bool) -> None:
-        self.topics[topic] = Topic(take)
-
-    def listeners(self, topic: str) -> frozenset[str]:
-        return frozenset()
-
     def come(self, topic: str, message: Any) -> None:
-        take = self.topics[topic].take
-        assert take is not None
-        take(message)
+        self.network.wires[topic].take(message)
 
     def person(self, time: float | None = None) -> np.ndarray:
         return START + (self.now if time is None else time) * VELOCITY
@@ -101,12 +77,12 @@ class Loop:
     def walk(self, seconds: float, late: float = 0.0, frame: str = "odom") -> None:
         for _ in range(round(seconds / 0.1)):
             self.now = round(self.now + 0.1, 9)
-            if "/odom" in self.topics:
+            if "/odom" in self.network.wires:
                 self.odom()
             self.see(frame, late)
 
     def sent(self, name: str) -> Any:
-        return self.topics[f"/wideberth/people/{name}"].gone[-1]
+        return self.network.wires[f"/wideberth/people/{name}"].gone[-1]
 
     def grid(self) -> OccupancyGrid:
         found = decode_message("nav_msgs/msg/OccupancyGrid", self.sent("grid")).content
@@ -179,7 +155,7 @@ def test_the_grid_follows_the_robot_by_whole_cells() -> None:
 def test_a_fixed_area_needs_no_odometry_and_places_people_by_tf() -> None:
     area = FixedArea("map", -6.0, -6.0, 12.0, 12.0)
     loop = Loop(area=area)
-    assert "/odom" not in loop.topics
+    assert "/odom" not in loop.network.wires
     loop.come("/tf_static", transform(EPOCH, "map", "camera", (1.0, 2.0, np.pi / 2)))
     loop.walk(1.5, frame="camera")
     loop.node.publish()
@@ -206,7 +182,7 @@ def test_it_says_what_is_silent_and_forgets_who_is_gone() -> None:
         covered.append(int((loop.grid().cells == 100).sum()))
     assert covered[0] < covered[1] < covered[2] and covered[3] == 0
     loop.node.publish_diagnostics()
-    status = loop.topics["/diagnostics"].gone[-1].status[0]
+    status = loop.network.wires["/diagnostics"].gone[-1].status[0]
     assert status.level == 1 and "silent" in status.message
     loop.now += 1.0
     loop.node.publish()
