@@ -63,10 +63,12 @@ class ManagedPlanner:
         self._actions = [FollowPathServer(self.ros, planner)]
         if isinstance(settings.follows, GoalTopic):
             self._actions.append(NavigateToPoseServer(self.ros, planner))
-        self._timers = [
+        self._timers = [self.ros.create_timer(1.0, planner.publish_diagnostics)]
+        if settings.stepped:
+            return
+        self._timers += [
             self.ros.create_timer(1.0 / settings.rate, planner.publish),
             self.ros.create_timer(self._controller.period, self._due.set),
-            self.ros.create_timer(1.0, planner.publish_diagnostics),
         ]
         self._over.clear()
         deciding = (planner, self._due, self._over)
@@ -98,7 +100,8 @@ class ManagedPlanner:
             self.planner.active = False
             for action in self._actions:
                 action.abort("the planner leaves")
-            self.ros.destroy_timer(self._timers.pop(0))
+            while len(self._timers) > 1:
+                self.ros.destroy_timer(self._timers.pop())
 
             def meanwhile() -> None:
                 with suppress(Exception):  # the robot's stop does not depend on it

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -147,6 +147,8 @@ class PlannerNode:
         """Whether a path ends by itself where the robot reaches its end, and how it faces then."""
         self._smoother: VelocitySmoother | None = None
         self._last: Array | None = None
+        self._command: Array | None = None
+        self._answered: ReceivedMessage | None = None
         self._decided = self._sent = self._looked = -np.inf
         self._limit = np.inf
         self._turn: SpinGoal | None = None
@@ -155,9 +157,6 @@ class PlannerNode:
         still = np.zeros(len(robot.states))
         self.turns_on_the_spot: bool = turns_on_the_spot(robot, still)
         """Whether the robot can turn while it stands."""
-        fast = attained(robot, still, [Twist((0.0, 0.0), FAST)], 1.0 / settings.rate)[0, 2]
-        self._gain: float = settings.rate * float(fast)
-        """rad/s^2, by which the robot can turn faster on the spot; 0 where it cannot."""
         self.odometry_came: threading.Event = threading.Event()
         """Set with each odometry."""
         self._lock = threading.RLock()
@@ -225,6 +224,8 @@ class PlannerNode:
         """Take a message of a topic."""
         try:
             self._take(decode_message(kind, message), self._clock())
+            if self.settings.stepped:
+                self._answer()
         except WideberthError as error:
             self._refuse(f"{name}: {error}")
         except Exception as error:  # whatever a message holds, the node goes on
@@ -249,6 +250,28 @@ class PlannerNode:
                 self._goals.receive(decoded)
             elif self._obstacles is not None:
                 self._obstacles.receive(decoded, now)
+
+    def _answer(self) -> None:
+        """Decide for the instant that was shown, and answer it; again if it is shown again."""
+        own, seen = self._own.newest, None if self._obstacles is None else self._obstacles.newest
+        if own is None or own is self._answered:
+            return
+        stamp = own.decoded.stamp
+        if self._obstacles is not None and (seen is None or seen.decoded.stamp != stamp):
+            return
+        if self._answered is None or self._answered.decoded.stamp != stamp:
+            self._last = self._planned_command()
+        if self._last is not None:
+            self._answered = own
+            self._send(self._last, stamp)
+
+    def _planned_command(self) -> Array | None:
+        """Decide; return the controller's command, standing where it may not drive any more."""
+        plans = self.counts.plans
+        self.decide()
+        if self.counts.plans > plans and self._command is not None:
+            return self._command
+        return None if self._last is None else np.zeros(3)
 
     def follow(self, frame: str, points: Array) -> bool:
         """Follow a path of points (P, 2) in m of a frame; return whether it can be followed.
@@ -424,6 +447,7 @@ class PlannerNode:
             self.status = DRIVING
         with self._lock:
             self._decided = self._clock()
+            self._command = np.array([*command.linear, command.omega], dtype=np.float64)
             if self._smoother is not None:
                 self._smoother = self._smoother.aim(command, self._decided)
 
@@ -499,8 +523,9 @@ class PlannerNode:
         state, spread = own_state(self.robot, estimate, seen_from_here=True)
         seen = ScanView() if self._obstacles is None else self._obstacles.view(self._own)
         walls = seen.polygons + (() if self._goals is None else self._goals.walls)
+        instant = self._own.now if self.settings.stepped else received.time
         now = Observation(
-            received.time, state, seen.detections, spread, walls, scan=seen.scan
+            instant, state, seen.detections, spread, walls, scan=seen.scan
         )  # fmt: skip
         return now, [replace(now, detections=one) for one in seen.earlier]
 
@@ -535,14 +560,14 @@ class PlannerNode:
                 self._last = np.zeros(3)
                 self._send(self._last)
 
-    def _send(self, velocity: Array) -> None:
-        """Send a velocity: forward, lateral in m/s, yaw rate in rad/s."""
+    def _send(self, velocity: Array, stamp: int | None = None) -> None:
+        """Send a velocity: forward, lateral in m/s, yaw rate in rad/s; stamped now if unstated."""
         if self._since(self._looked) > LOOK:
             self._commands.agree()
             self._looked = self._clock()
         forward, aside, rate = velocity.tolist()
         frame = self.settings.base_frame
-        encoder = MessageEncoder(self._wall(), frame, self._known)
+        encoder = MessageEncoder(self._wall() if stamp is None else stamp, frame, self._known)
         self._commands.send(encoder.command(0.0, Command((forward, aside), rate), frame))
         self.counts.sent += 1
 
@@ -565,8 +590,16 @@ class PlannerNode:
         moving = np.hypot(*self._last[:2]) > STANDING
         if self._room != self._turn or moving or not np.isfinite(off):
             return Twist((0.0, 0.0))
-        rate = min(np.sqrt(self._gain * abs(off)), 0.25 * self.settings.rate * abs(off))
+        rate = min(np.sqrt(self._turning * abs(off)), 0.25 * self.settings.rate * abs(off))
         return Twist((0.0, 0.0), float(np.copysign(rate, off)))
+
+    @cached_property
+    def _turning(self) -> float:
+        """How much faster the robot can turn on the spot in a second, rad/s^2; 0 if not at all."""
+        still, rate = np.zeros(len(self.robot.states)), self.settings.rate
+        return rate * float(
+            attained(self.robot, still, [Twist((0.0, 0.0), FAST)], 1.0 / rate)[0, 2]
+        )
 
     def _begin(self, now: float) -> None:
         """Start at the velocity that the robot has."""

@@ -25,6 +25,9 @@ class NodeSettings:
     base_frame : of the robot.
     rate : Hz, of the commands.
     patience : s, for which odometry, obstacles or scans may be silent; then the robot brakes.
+    stepped : for a simulation that waits, as `wideberth world --stepped`: it decides once for each
+        instant of which odometry and obstacles have come, and answers by the controller's own
+        command, stamped with that instant.
 
     Raises
     ------
@@ -39,6 +42,7 @@ class NodeSettings:
     base_frame: str = "base_link"
     rate: float = 20.0
     patience: float = 0.5
+    stepped: bool = False
 
     def __post_init__(self) -> None:
         for name in ("rate", "patience"):

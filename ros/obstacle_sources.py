@@ -234,7 +234,7 @@ class TopicSource:
         cosine, sine = np.cos(frame[2]), np.sin(frame[2])
         turn = np.array([[cosine, -sine], [sine, cosine]])
         found = []
-        for i in np.argsort(away, kind="stable")[:MOST_SEEN]:
+        for i in sorted(np.argsort(away, kind="stable")[:MOST_SEEN]):
             one = seen[i]
             spread = one.covariance
             if spread is None:

@@ -16,6 +16,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "base_frame": "frame of the robot",
     "rate": "Hz, of the commands",
     "patience": "s, for which odometry, obstacles or scans may be silent; then the robot brakes",
+    "stepped": "decide once for each instant, and answer it: for a simulation that waits",
     "sees.topic": "topic of obstacles or scans",
     "sees.kind": "type of the messages of obstacles",
     "sees.radius": "m, of obstacles whose size is not stated",

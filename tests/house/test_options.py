@@ -37,10 +37,9 @@ REASONS: dict[str, str] = {
         """,
     "frame, message, rate or time of a robot's ROS system": """
         GoalTopic: yaw_tolerance
-        MapTopic: topic
-        NodeSettings: base_frame patience rate
+        NodeSettings: base_frame patience rate stepped
         ObstacleTopic: deviation kind radius
-        PathTopic: tolerance
+        PathTopic: tolerance yaw_tolerance
         ScanTopic: deviation handover
         """,
     "which seeds a study plays, and how it reads a user's recordings": """

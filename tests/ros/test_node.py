@@ -513,3 +513,34 @@ def test_periods_without_a_command_are_counted() -> None:
     loop.now += 2 * STEP
     loop.drive(10)
     assert loop.node.counts.missed == 2
+
+
+def test_a_stepped_node_answers_each_instant_once_decided() -> None:
+    loop = Loop(Scripted(speed=0.4, rate=0.3), stepped=True)
+    loop.path()
+    sent = []
+    for k in range(4):
+        for _ in range(2):  # shown twice
+            loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0), (2.0, 0.0)], "odom"))
+            loop.network.deliver()
+            loop.come("/odom", odometry(loop.stamp(), (0.1 * k, 0, 0), (0.0, 0, 0)))
+            loop.network.deliver()
+        loop.now += 0.25
+        sent = loop.network.wires["/cmd_vel"].gone
+    stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in sent]
+    assert stamps == pytest.approx(np.repeat(EPOCH + 5.0 + 0.25 * np.arange(4), 2))
+    assert {(one.twist.linear.x, one.twist.angular.z) for one in sent} == {(0.4, 0.3)}
+    assert [one.stamp for one in loop.controller.seen] == pytest.approx([0.0, 0.25, 0.5, 0.75])
+    assert loop.controller.seen[0].detections[0].ident == "0" * 32
+
+
+def test_a_stepped_node_waits_for_obstacles_of_the_same_instant() -> None:
+    loop = Loop(stepped=True)
+    loop.path()
+    loop.come("/obstacles", obstacles(loop.stamp() - 0.25, [(5.0, 1.0)], "odom"))
+    loop.come("/odom", odometry(loop.stamp(), (0, 0, 0), (0, 0, 0)))
+    loop.network.deliver()
+    assert not loop.network.wires["/cmd_vel"].gone
+    loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "odom"))
+    loop.network.deliver()
+    assert len(loop.network.wires["/cmd_vel"].gone) == 1
