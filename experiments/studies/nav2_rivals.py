@@ -13,7 +13,7 @@ from ...framework import Controller, Predictor, Robot, WideberthError
 from ...framework.controller import driving, fresh
 from ...framework.mpc.planner.planner import Planner
 from ...framework.values.arrays import positive
-from ...metrics.statistics import known_mean
+from ...metrics.statistics import known_mean, mcnemar
 from ...nav2.controllers.local_controllers import shipped_parameters
 from ...nav2.costmap.local_costmap import CostmapView
 from ...nav2.server.navigator import Nav2
@@ -33,7 +33,7 @@ from ..engine.closed_loop import (
 )
 from ..engine.errors import as_user_error
 from .comparison_figures import CAPTIONS, summary_pictures
-from .episode_statistics import against, by_controller, condensed, paired
+from .episode_statistics import against, by_controller, condensed, paired, with_interval
 from .episodes import SeededStudy, check_shown
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .same_view import SameView, Watched
@@ -107,8 +107,8 @@ class Nav2Rivals(SeededStudy):
     ``radius / 0.22 m`` times as large (an exact view stays as it is).
 
     A planner drives at the robot's top speed, as rivals do. The paired tests are McNemar's of
-    success and Wilcoxon's signed-rank test of the times of those seeds at which both arrived;
-    ``finding`` names what holds at p < 0.01.
+    success and of touches, and Wilcoxon's signed-rank test of the times of those seeds at which
+    both arrived; ``finding`` names what holds at p < 0.01.
 
     Parameters
     ----------
@@ -332,7 +332,11 @@ def compared(rows: Sequence[Row], others: Sequence[Row]) -> Row:
     """Compare a controller with the baseline, seed by seed, and say what is beyond chance."""
     from scipy.stats import wilcoxon
 
-    line = against(rows, others)
+    touched = paired(rows, others, "collision"), paired(others, rows, "collision")
+    nearer = paired(rows, others, "clearance") - paired(others, rows, "clearance")
+    line = against(rows, others) | {"touch_p_value": mcnemar(*touched)}
+    interval = with_interval("clearance_difference", nearer)
+    line |= {f"{name}_m": value for name, value in interval.items()}
     gap = paired(rows, others, "success_time") - paired(others, rows, "success_time")
     gap = gap[np.isfinite(gap) & (gap != 0.0)]
     line["time_p_value"] = float(wilcoxon(gap).pvalue) if len(gap) else 1.0

@@ -161,9 +161,12 @@ def test_rivals_get_view_limits_and_what_nav2_ships(study: Nav2Rivals) -> None:
 def rows(times: list[float]) -> list[dict[str, object]]:
     """Successful episodes by their times; a time of NaN is a failure."""
     return [
-        {"seed": i, "success": bool(np.isfinite(t)), "success_time": t}
+        {
+            "seed": i, "success": bool(np.isfinite(t)), "success_time": t,
+            "collision": not np.isfinite(t), "clearance": 0.2 if np.isfinite(t) else 0.0,
+        }
         for i, t in enumerate(times)
-    ]
+    ]  # fmt: skip
 
 
 def test_differences_are_named_beyond_chance_alone() -> None:
@@ -177,6 +180,8 @@ def test_differences_are_named_beyond_chance_alone() -> None:
     lost = compared(rows([np.nan] * 8 + [10.8]), base)
     assert lost["p_value"] == pytest.approx(2.0 / 2**8) and lost["time_p_value"] == 1.0
     assert lost["finding"] == "arrives less often"
+    assert lost["touch_p_value"] == lost["p_value"] and slower["touch_p_value"] == 1.0
+    assert lost["clearance_difference_m"] == pytest.approx(-0.2 * 8 / 9)
     assert compared(base, rows([np.nan] * 8 + [10.8]))["finding"] == "arrives more often"
     assert finding({**slower, "time_difference_s": -1.0}) == "faster"
     assert compared(base, base)["finding"] == "no difference shown"
@@ -251,3 +256,30 @@ def test_the_same_seed_has_the_same_numbers(study: Nav2Rivals) -> None:
     small = replace(study, places=short)
     assert repr(small.measure(task).rows) == repr(small.measure(task).rows)
     assert isinstance(study.limits["own"], LimitSet) and not study.limits["own"].bounded
+
+
+def test_each_controller_is_compared_with_itself_without_forecasts(tmp_path: File) -> None:
+    """The summary has a partner of each; what is left out in quick runs has none."""
+    whole, _ = read_experiment("nav2_forecasts", [])
+    assert isinstance(whole, Nav2Rivals)
+    for name, controller in whole.controllers.items():
+        plain = whole.partners.get(name, whole.baseline)
+        assert isinstance(controller, Nav2) and isinstance(other := whole.controllers[plain], Nav2)
+        if name != plain and controller.forecasts is not None:
+            assert replace(controller, forecasts=None).settings == other.settings
+            assert other.forecasts is None
+    quick = whole.quick()
+    assert [*quick.controllers] == ["rpp", "rpp_forecasts", "rpp_now"] and not quick.partners
+    short = {
+        name: replace(place, settings=replace(place.settings, time_limit=3.0))
+        for name, place in quick.places.items()
+    }
+    pair = {k: whole.controllers[k] for k in ("rpp", "graceful", "graceful_forecasts")}
+    few = replace(
+        quick, places=short, controllers=pair, partners={"graceful_forecasts": "graceful"}, show=()
+    )
+    result = run(few, tmp_path / "out")
+    partners = {line["controller"]: line["partner"] for line in few.summary(result.rows)}
+    assert partners == {"rpp": "rpp", "graceful": "rpp", "graceful_forecasts": "graceful"}
+    with pytest.raises(WideberthError, match=r"partners\.rpp is 'itself'"):
+        replace(few, partners={"rpp": "itself"})
