@@ -203,6 +203,7 @@ class ForecastNode:
         self._predictor = predictor
         self._forecaster = Forecaster(predictor, PERIOD)
         self._taken: ReceivedMessage | None = None
+        self._instead: list[str] = []
         self._now = -np.inf
         area, sees, lock = settings.area, settings.sees, nullcontext()
         base = area.base_frame if isinstance(area, RobotArea) else area.frame
@@ -331,6 +332,7 @@ class ForecastNode:
             return False
         self._notice(Observation(now, self._pose))  # who is silent for long is dropped
         found = self._forecaster.at(now, self.settings.cells.times)
+        self._instead = [] if found is None else [why for why in found[1].fallback if why]
         encoder = MessageEncoder(stamp - round(1e9 * now), self._own.frame, self._known)
         messages = self._messages(encoder, now, found)
         for name, topic in self._to.items():
@@ -391,6 +393,8 @@ class ForecastNode:
                                                                  "failures")}  # fmt: skip
         if counts.spent:
             numbers["forecast median, ms"] = f"{1e3 * float(np.median(counts.spent)):.1f}"
+        if self._instead:
+            numbers["by another method"] = f"{len(self._instead)}, {short(self._instead[0])}"
         encoder = MessageEncoder(0, "", self._known)
         level = 0 if self.status == WELL else 1
         self._diagnostics.send(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli.ros_forecast import read_forecast
+from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.risk.forecast_cells import ForecastCells
 from wideberth.framework.tracking.forecaster import KEPT
@@ -14,7 +15,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.sensing import Scan
-from wideberth.predictors import Kalman
+from wideberth.predictors import BUILT_IN, Kalman
 from wideberth.ros.decoding import ObstaclesMessage, decode_message
 from wideberth.ros.encoding import MessageEncoder
 from wideberth.ros.forecast_node import (
@@ -213,6 +214,19 @@ def test_a_predictor_that_raises_ends_nothing() -> None:
     loop.walk(0.5)
     assert not loop.node.publish() and "broken" in loop.node.status
     assert loop.node.counts.failures == 1
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_predictor_forecasts(name: str) -> None:
+    loop = Loop(build("predictors", name, "predictor"), cells=ForecastCells(1.0, 0.25))
+    loop.walk(2.0)
+    assert loop.node.publish() and loop.node.status == WELL and not loop.node.counts.refused
+    assert loop.grid().at(loop.person(), outside=0) == 100
+    loop.node.publish_diagnostics()
+    said = {
+        one.key: one.value for one in loop.network.wires["/diagnostics"].gone[-1].status[0].values
+    }
+    assert name not in ("oracle", "kalman") or ("by another method" in said) == (name == "oracle")
 
 
 def test_clocks_that_tremble_forget_no_one() -> None:
