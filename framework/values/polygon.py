@@ -125,7 +125,8 @@ def separation(first: Array, second: Array) -> tuple[Array, Array]:
     """
     first, second = _together(first, second)
     lines = _unit(first[..., :, None, :] - second[..., None, :, :])
-    lines = lines.reshape(*lines.shape[:-3], -1, 2)
+    *several, own, other, _ = lines.shape
+    lines = lines.reshape(*several, own * other, 2)  # no -1: there may be no bodies
     some = np.broadcast_to([1.0, 0.0], (*lines.shape[:-2], 1, 2))  # for points that coincide
     tried = [-edge_normals(first), edge_normals(second), lines, some]
     normals = np.concatenate(tried, axis=-2)

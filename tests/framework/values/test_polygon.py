@@ -188,6 +188,12 @@ def test_depth_agrees_with_a_grid_of_directions() -> None:
         assert best <= distance + 1e-12 and distance - best < 2e-3
 
 
+def test_no_bodies_have_no_separations() -> None:
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    distance, normal = separation(np.zeros((0, 1, 2)), square)
+    assert (distance.shape, normal.shape) == ((0,), (0, 2))
+
+
 def test_separation_is_batched_padded_and_keeps_digits_far_away() -> None:
     rng = np.random.default_rng(2)
     bodies = convex(4, rng) + rng.uniform(-3.0, 3.0, (7, 1, 1, 2))
