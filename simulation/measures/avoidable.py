@@ -191,16 +191,19 @@ def _repeated(
     until: float,
 ) -> Run:
     """Return the same episode at its start, with robots that repeat their commands."""
-    again = [
-        one if one.person else replace(
-            one, controller=Repeating.of(one.robot, episode.agent(one.name)), truth=False
-        )
-        for one in agents
-    ]  # fmt: skip
+    again = [one if one.person else _repeating(one, episode.agent(one.name)) for one in agents]
     endless = replace(
         settings, stop_on_collision=False, deadlock_after=until + 1.0, time_limit=until
     )
     return Run(again, endless, episode.seed, others, changes, polygons)
+
+
+def _repeating(agent: RobotAgent, log: AgentLog) -> RobotAgent:
+    """Return a robot that repeats its commands, which another controller may have given."""
+    first = log.commands.stamp[:1].tolist()
+    phase = first[0] if first else agent.phase
+    repeats = Repeating.of(agent.robot, log)
+    return replace(agent, controller=repeats, phase=phase, truth=False)
 
 
 def _takeovers(run: Run, starts: Sequence[float | None]) -> dict[float, "_Takeover"]:

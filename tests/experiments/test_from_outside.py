@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 
 from wideberth.experiments.engine.base import Row
@@ -11,6 +12,7 @@ from wideberth.experiments.engine.from_outside import chosen_task, play_from_out
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.controller import Controller
 from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Command
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import Run
 from wideberth.simulation.log.episode_log import Episode
@@ -104,6 +106,21 @@ def test_leaving_in_the_middle_ends_the_task() -> None:
     with pytest.raises(EOFError):
         play_from_outside(experiment, task, partial(repeating, known), leave)
     assert experiment.measure(task).files, "later episodes have their own controllers again"
+
+
+def test_a_contact_is_judged_avoidable_whatever_the_period_of_who_drives() -> None:
+    """The episode is repeated with the commands and instants that it had, not the planner's."""
+    limits = "settings.noise_1_cm.time_limit=12"
+    experiment, _ = read_experiment("random_crowd", [limits])
+    task = chosen_task(experiment, [])
+
+    def enter(run: Run, agent: RobotAgent) -> Controller:
+        stamps = np.array([0.0, 1.0])
+        return Repeating(agent.robot, 0.05, stamps, [Command((0.0, 0.0)), Command((1.0, 0.0))])
+
+    row, episode = play_from_outside(experiment, task, enter, nothing)
+    first = episode.robots[0].commands.stamp[0]
+    assert first == 0.0 and row["collision"] and row["avoidable_2s"] in (True, False)
 
 
 @pytest.mark.parametrize(
