@@ -181,6 +181,11 @@ class MessageEncoder:
         ]
         return self.known.make("nav_msgs/msg/Path", header=self.header(time), poses=poses)
 
+    def goal(self, time: float, pose: Sequence[float]) -> Any:
+        """Return a pose (x, y in m, yaw in rad) to go to."""
+        kind = "geometry_msgs/msg/PoseStamped"
+        return self.known.make(kind, header=self.header(time), pose=self.pose(*pose))
+
     def plan(self, plan: Plan) -> Any:
         """Return a plan's positions as a path, with the instants at which it is there."""
         return self.path(plan.stamp, plan.positions, dt=plan.dt)
@@ -237,9 +242,14 @@ class MessageEncoder:
         positions: Array,
         velocities: Array,
         radii: Sequence[float],
+        covariances: Sequence[Array | None] | None = None,
     ) -> Any:
-        """Return Nav2's dynamic obstacles: positions and velocities (O, D), radii in m."""
+        """Return Nav2's dynamic obstacles: positions and velocities (O, D), radii in m.
+
+        Covariances, (D, D) in m^2, are of the positions; zeros stand where none is stated.
+        """
         make = self.known.make
+        stated = covariances or [None] * len(names)
         found = [
             make(
                 "nav2_dynamic_msgs/msg/Obstacle",
@@ -248,9 +258,10 @@ class MessageEncoder:
                 position=self._point(*place),
                 velocity=self._vector(*speed),
                 size=self._vector(*(2.0 * radius,) * len(place)),
+                position_covariance=_in_space(spread),
             )
-            for name, place, speed, radius in zip(
-                names, positions.tolist(), velocities.tolist(), radii, strict=True
+            for name, place, speed, radius, spread in zip(
+                names, positions.tolist(), velocities.tolist(), radii, stated, strict=True
             )
         ]
         kind = "nav2_dynamic_msgs/msg/ObstacleArray"
@@ -501,6 +512,14 @@ class MessageEncoder:
 def _three(parts: Sequence[Any]) -> tuple[float, float, float]:
     """Return two or three components as three."""
     return float(parts[0]), float(parts[1]), float(parts[2]) if len(parts) == 3 else 0.0
+
+
+def _in_space(covariance: Array | None) -> Array:
+    """Return a covariance of two or three coordinates as one of three, row by row."""
+    found = np.zeros((3, 3))
+    if covariance is not None:
+        found[: len(covariance), : len(covariance)] = covariance
+    return found.ravel()
 
 
 def shown_steps(plan: Plan) -> list[int]:

@@ -241,17 +241,30 @@ class Signals:
 class RosProcess(Signals):
     """A process of ROS 2 that works until a signal comes."""
 
-    def spin(self, executor: Any, seconds: float | None = None) -> None:
-        """Let an executor work until a signal comes, or for so long, s."""
+    def spin(
+        self,
+        executor: Any,
+        seconds: float | None = None,
+        over: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """Let an executor work until a signal comes, for so long, s, or until it is over.
+
+        Returns
+        -------
+        goes_on : False once a signal has come, or ROS has shut down.
+        """
         self.driving = True
         ok, log = ros("rclpy").ok, ros("rclpy.logging").get_logger("wideberth")
         end = float("inf") if seconds is None else time.monotonic() + seconds
-        while ok() and not self.count and time.monotonic() < end:
+        left = TICK
+        while ok() and not self.count and left > 0.0 and not over():
+            left = end - time.monotonic()
             try:
-                executor.spin_once(timeout_sec=TICK)
+                executor.spin_once(timeout_sec=max(min(left, TICK), 0.0))
             except Exception as error:  # a peer that is gone: it is said, and the node goes on
                 log.error(f"{type(error).__name__}: {error}")
                 time.sleep(TICK)
+        return ok() and not self.count
 
 
 @contextmanager

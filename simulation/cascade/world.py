@@ -239,6 +239,11 @@ class WheeledWorld(World):
         return self._senses
 
     @property
+    def lidar_mount(self) -> Array:
+        """Where the LiDAR is on each robot, (3,), m and rad."""
+        return np.array(self._cascade.lidar.mount)
+
+    @property
     def _world(self) -> PhysicalWorld:
         assert self._physics is not None, "plants() builds it"
         return self._physics
