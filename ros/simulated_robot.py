@@ -222,5 +222,7 @@ def simulated_robot(arguments: Sequence[str]) -> Iterator[SimulatedRobot]:
     """
     with ros_process(arguments) as process:
         node = ros("rclpy").create_node(NAME)
-        yield SimulatedRobot(node, process)
-        node.destroy_node()
+        try:
+            yield SimulatedRobot(node, process)
+        finally:
+            node.destroy_node()

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, final
@@ -311,7 +312,7 @@ def run_world(
     def look(run: Run) -> None:
         entered[0].look(run)
 
-    with simulated_robot(arguments) as topics:
+    with suppress(KeyboardInterrupt), simulated_robot(arguments) as topics:
         while True:
             say(f"{task.name}, seed {task.seed}: waits for velocities")
             try:
@@ -321,8 +322,6 @@ def run_world(
                 entered[0].rest()
             except Restart:
                 task = replace(task, seed=task.seed + 1)
-            except KeyboardInterrupt:
-                return
 
 
 def sentence(row: Mapping[str, Any]) -> str:

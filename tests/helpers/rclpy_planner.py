@@ -3,7 +3,8 @@
 ``python rclpy_planner.py CONFIG COLUMN=VALUE ... --episodes N`` prints what the service
 `outcome` answers after each episode, and asks for the next one. With ``--stepped`` it answers
 every odometry, otherwise one in each of its periods; with ``--plain`` it sends `Twist`.
-``--stop-after S`` leaves it silent after so many seconds of an episode.
+``--stop-after S`` leaves it silent after so many seconds of an episode; with ``--watch`` another
+planner drives.
 """
 
 import argparse
@@ -38,19 +39,23 @@ class Planner:
         self.controller, self.robot, self.options = controller, controller.robot, options
         self.node = rclpy.create_node("planner")
         self.kind: Any = Twist if options.plain else TwistStamped
-        self.out = self.node.create_publisher(self.kind, "/cmd_vel", 10)
-        self.node.create_subscription(Path, "/reference", self.take_path, KEPT)
-        self.node.create_subscription(Odometry, "/odom", self.take_odometry, 10)
-        self.node.create_subscription(PEOPLE, "/obstacles", self.take_people, 10)
-        self.services = {
-            name: self.node.create_client(Trigger, f"/world/{name}")
-            for name in ("outcome", "reset")
-        }
         self.begin: int | None = None
         self.decided = -1
         self.ready = False
         self.odometry: Any = None
         self.people: Any = None
+        self.services = {
+            name: self.node.create_client(Trigger, f"/world/{name}")
+            for name in ("outcome", "reset")
+        }
+        if not options.watch:
+            self.open_topics()
+
+    def open_topics(self) -> None:
+        self.out = self.node.create_publisher(self.kind, "/cmd_vel", 10)
+        self.node.create_subscription(Path, "/reference", self.take_path, KEPT)
+        self.node.create_subscription(Odometry, "/odom", self.take_odometry, 10)
+        self.node.create_subscription(PEOPLE, "/obstacles", self.take_people, 10)
 
     def take_path(self, message: Path) -> None:
         places = [[one.pose.position.x, one.pose.position.y] for one in message.poses]
@@ -133,6 +138,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=1)
     parser.add_argument("--stepped", action="store_true")
     parser.add_argument("--plain", action="store_true")
+    parser.add_argument("--watch", action="store_true")
     parser.add_argument("--stop-after", type=float, default=float("inf"))
     options = parser.parse_args()
     experiment, _ = read_experiment(options.config, [])

@@ -4,11 +4,13 @@ import json
 import signal
 from typing import Any
 
+import numpy as np
 import pytest
+import yaml
 
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.from_outside import chosen_task
-from wideberth.experiments.engine.shipped_configs import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment, shipped_text
 from wideberth.tests.experiments.test_from_outside import OF_PLANS
 from wideberth.tests.helpers.ros_processes import ROOT, Network, Process, python_of
 
@@ -54,6 +56,27 @@ def _finite(row: Row) -> Row:
     """Return a row as JSON has it, without numbers that are none."""
     return {name: None if value != value or value in (float("inf"),) else value
             for name, value in row.items()}  # fmt: skip
+
+
+def test_our_own_node_steps_through_the_same_episode(network: Network) -> None:
+    """Messages have no covariance of zero, so that the last digits differ."""
+    config = network.folder / "node.yaml"
+    shipped = yaml.safe_load(shipped_text("crowdnav"))
+    node = {
+        "follows": {"type": "path", "topic": "/reference", "tolerance": 0.01},
+        "sees": {"type": "obstacles", "deviation": 1e-6},
+        "stepped": True,
+    }
+    planner = shipped["controllers"]["ours"]
+    config.write_text(yaml.safe_dump({"planner": planner, "node": node}))
+    robot = world(network, "--stepped")
+    network.node(config, "--ros-args", "-p", "use_sim_time:=true")
+    asks = network.start(PLANNER, "crowdnav", CASE, "--watch", name="asks")
+    (said,) = outcomes(asks, robot, 90.0)
+    wanted = {name: value for name, value in in_process(0).items()
+              if isinstance(value, float) and np.isfinite(value)}  # fmt: skip
+    assert {name: said[name] for name in wanted} == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+    assert said["outcome"] == "success"
 
 
 @pytest.mark.parametrize("kind", ["--plain", "--stamped"])
