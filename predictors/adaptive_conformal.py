@@ -261,7 +261,7 @@ class AdaptiveConformal(Adaptive, Fittable):
             or tracks.stamp < state.stamp - slack
             or len(state.log_scale) != (len(self.speeds) + 1) * self.steps
         ):
-            return Online(tracks.stamp, tracks.dt, self._first(tracks.dt))
+            return Online(tracks.stamp, tracks.dt, self.first(tracks.dt))
         balance = np.zeros((len(self.speeds) + 1, self.steps))
         count = np.zeros_like(balance)
         place = {ident: index for index, ident in enumerate(tracks.ids)}
@@ -283,7 +283,7 @@ class AdaptiveConformal(Adaptive, Fittable):
         """Return how many steps of a forecast have fallen due, whatever the clock has done."""
         return int(min(max(elapsed / dt, 0.0), self.steps))
 
-    def _first(self, dt: float) -> tuple[float, ...]:
+    def first(self, dt: float) -> tuple[float, ...]:
         """Log scales before anything was seen to happen."""
         count = len(self.speeds) + 1
         if self.start is None or self.start_dt is None:

@@ -78,9 +78,13 @@ class Kalman(Fittable):
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=self.history)
         noise = measurement_noise(tracks, self.noise_floor)
-        model = _model(tracks.dt, self.acceleration_density, self.speed)
+        model = self.model(tracks.dt)
         engine = filter_axes if self.backend == "batched" else filter_one_by_one
         return roll_out(engine(past, noise, model), model, past, tracks, steps, "kalman")
+
+    def model(self, dt: float) -> AxisModel:
+        """Return how an axis moves in steps of ``dt`` s, the same object for the same step."""
+        return _model(dt, self.acceleration_density, self.speed)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy with both numbers scaled by `fit_numbers`; see `Fittable.fit`."""

@@ -590,10 +590,12 @@ def warmup() -> None:
 def export(
     config: Config,
     out: Annotated[Path, Option(help="Folder of the C files; it must not exist yet.")],
-    planner: Annotated[
+    of: Annotated[
         str | None, Option(help="Which of the config's planners; the first by default.")
     ] = None,
-    obstacles: Annotated[int, Option(help="Slots for obstacles.")] = 5,
+    obstacles: Annotated[
+        int, Option(help="Slots for obstacles; with --planner those of the config.")
+    ] = 5,
     polygons: Annotated[
         int | None, Option(help="Slots for polygons; 5 where the planner minds them.")
     ] = None,
@@ -601,37 +603,46 @@ def export(
     solver: Annotated[
         bool, Option("--solver", help="The solver as object code, not the problem in C.")
     ] = False,
+    planner: Annotated[
+        bool, Option("--planner", help="The whole planner without Python, with its solver.")
+    ] = False,
     target: Annotated[
         str | None,
         Option(
-            help="Of --solver: native (this processor, the default), linux-x86_64-v3 or "
-            "linux-aarch64."
+            help="Of --solver and --planner: native (this processor, the default), "
+            "linux-x86_64-v3 or linux-aarch64."
         ),
     ] = None,
     set_: Set = None,
     force: Annotated[bool, Option("--force", help="Replace an older export.")] = False,
 ) -> None:
-    """Write the planner's problem as C, or its solver as object code, each with an example."""
+    """Write a planner as C: its problem, its solver, or all of it; each with an example."""
     from ...solvers.export.solver.native import NATIVE
     from ..engine.progress import working
     from .export import export as write
 
-    if target is not None and not solver:
-        raise WideberthError("--target says what --solver makes object code for; give both")
+    if solver and planner:
+        raise WideberthError("--planner brings its solver: give --solver or --planner")
+    if target is not None and not (solver or planner):
+        raise WideberthError(
+            "--target says what object code is made for; give --solver or --planner with it"
+        )
 
     with working(f"writing {out}"):
         source = write(
             config,
             set_ or [],
             expanded(out),
-            planner=planner,
+            planner=of,
             obstacles=obstacles,
             polygons=polygons,
             corners=corners,
-            target=(target or NATIVE) if solver else None,
+            target=(target or NATIVE) if solver or planner else None,
+            whole=planner,
             force=force,
         )
-    what = "compiles the example" if solver else "compiles and checks the example"
+    object_code = solver or planner
+    what = "compiles the example" if object_code else "compiles and checks the example"
     typer.echo(f"written: {out} ({source}); `make -C {out}` {what}")
 
 

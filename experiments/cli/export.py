@@ -1,7 +1,7 @@
 """From a config to the planner's problem as C, with an instance that the planner itself made."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,13 @@ from ...framework.values.motion import Detection, Observation
 from ...framework.values.path import Path as Way
 from ...framework.values.polygon import Polygon
 from ...solvers.export.bundle import bundle, check_target, write_folder
+from ...solvers.export.planner.files import bundle as planner_bundle
+from ...solvers.export.planner.kernels import kernels
+from ...solvers.export.planner.supported import refuse
+from ...solvers.export.planner.tables import ExportedPlanner
 from ...solvers.export.solver.files import bundle as solver_bundle
 from ...solvers.export.solver.measured import needs
-from ...solvers.export.solver.native import Machine, Native, machine
+from ...solvers.export.solver.native import NATIVE, Machine, Native, machine
 from ...solvers.export.solver.needs import ExportedSolver as ExportedSolver
 from ...solvers.export.subject import Subject
 from ...solvers.riccati.solver import Riccati
@@ -72,6 +76,7 @@ def export(
     polygons: int | None = None,
     corners: int = CORNERS[0],
     target: str | None = None,
+    whole: bool = False,
     force: bool = False,
 ) -> str:
     """Write the problem of a config's planner as C and return what it is the problem of.
@@ -85,6 +90,7 @@ def export(
         problems have room for some sizes alone, of which the next is taken.
     target : what to make the solver's object code for, see `native.targets`; None writes no
         solver but the problem's functions.
+    whole : whether the planner around the solver is written too, with as many slots as it uses.
     force : whether an older export is replaced.
 
     Raises
@@ -106,11 +112,38 @@ def export(
     if polygons is None:
         polygons = 0 if chosen.static_region is None else POLYGONS
     source = f"{config_path(config).stem}, {name}"
+    if whole:
+        made = planner_bundle(whole_planner(chosen, source, machine(target or NATIVE), corners))
+        write_folder(out, made, force=force)
+        return source
     sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
     one = subject(chosen, sizes, source)
-    made = bundle(one) if target is None else solver_bundle(solver(chosen, one, machine(target)))
-    write_folder(out, made, force=force)
+    write_folder(
+        out,
+        bundle(one) if target is None else solver_bundle(solver(chosen, one, machine(target))),
+        force=force,
+    )
     return source
+
+
+def whole_planner(
+    planner: Planner, source: str, where: Machine, corners: int = CORNERS[0]
+) -> ExportedPlanner:
+    """Gather what is written of a planner with all that is around its solver.
+
+    Raises
+    ------
+    WideberthError : the planner in C lacks what this one needs.
+    """
+    robot = refuse(planner, corners)
+    most = _slots("most_obstacles", max(planner.most_obstacles, 1))
+    still = 0 if planner.static_region is None else most
+    one = subject(planner, (most, still, corners), source)
+    made = solver(planner, one, where)
+    exact = kernels(robot, one.problem)
+    return ExportedPlanner(
+        planner, replace(made, native=replace(made.native, exact=exact), more=True)
+    )
 
 
 def solver(planner: Planner, one: Subject, where: Machine) -> ExportedSolver:

@@ -45,7 +45,7 @@ class Exact:
                 )
         self._functions: Mapping[str, Any] = functions
         text = module_source(kernel_source(one, name) for name, one in functions.items())
-        places = load("checks", text.replace(f" {FAST}", ""), list(functions))
+        places = load("checks", exactly(text), list(functions))
         self._calls: dict[str, tuple[Any, int]] = {
             name: (_KERNEL(places[name]), one.nnz_out(0)) for name, one in functions.items()
         }
@@ -67,6 +67,11 @@ class Exact:
         for k in range(times):
             call(k * count, count, *places, out + 8 * k * count, row)
         return found
+
+
+def exactly(source: str) -> str:
+    """Return the source of kernels without leave to round otherwise."""
+    return source.replace(f" {FAST}", "")
 
 
 def _address(array: Array) -> int:

@@ -267,7 +267,7 @@ def test_a_command_without_arguments_helps_or_does_its_default(shell, command) -
         (["show", "coins", "--columns", "shre"], "share"),
         (["report", "coinz"], "coins"),
         (["play", "coinz"], "coins"),
-        (["export", "crossing", "--out", "x", "--planner", "defalt"], "default"),
+        (["export", "crossing", "--out", "x", "--of", "defalt"], "default"),
     ],
 )
 def test_a_misspelt_name_gets_the_nearest_one(  # type: ignore[no-untyped-def]

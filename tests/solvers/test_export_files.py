@@ -202,7 +202,7 @@ def test_numbers_and_names_are_c() -> None:
 def test_the_solver_as_object_code_by_the_command_line(tmp_path: Path) -> None:
     out, short = tmp_path / "c", [word for setting in SHORT for word in ("--set", setting)]
     words = ["export", "crossing", "--solver", "--out", str(out), *short]
-    with pytest.raises(WideberthError, match="--target says what --solver makes"):
+    with pytest.raises(WideberthError, match="--target says what object code is made for"):
         cli.app(words[:2] + words[3:] + ["--target", "native"], standalone_mode=False)
     with pytest.raises(WideberthError, match="did you mean 'native'"):
         cli.app([*words, "--target", "nativ"], standalone_mode=False)

@@ -249,6 +249,14 @@ class Problem:
 
     def _compiled(self) -> Exact | None:
         """Compile the constraints; None where they cannot be."""
+        try:
+            return Exact(self.constraint_functions)
+        except WideberthError:
+            return None
+
+    @property
+    def constraint_functions(self) -> dict[str, Any]:
+        """What `constraint_values` compiles, by name, each of two vectors."""
         x, u, following = (
             ca.SX.sym("x", self.states),
             ca.SX.sym("u", self.inputs),
@@ -270,10 +278,7 @@ class Problem:
                 stated = ca.vertcat(*one.constraint(following, own, s, numbers))
                 given = ca.vertcat(following, own, s)
                 functions[f"slot{k}"] = _of_two(given, numbers, stated)
-        try:
-            return Exact(functions)
-        except WideberthError:
-            return None
+        return functions
 
     @cached_property
     def stop_values(self) -> Mapped:

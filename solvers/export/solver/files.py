@@ -26,7 +26,7 @@ def bundle(solver: ExportedSolver) -> dict[str, str | bytes]:
     found: dict[str, str | bytes] = {
         "README.md": _readme(solver),
         "wideberth_solver.h": header(solver),
-        "wideberth_solver.c": _source("wideberth_solver.c"),
+        "wideberth_solver.c": source("wideberth_solver.c"),
         "wideberth_tables.h": tables(solver),
         ARCHIVE: solver.native.archive(),
         "Makefile": rendered(
@@ -34,7 +34,7 @@ def bundle(solver: ExportedSolver) -> dict[str, str | bytes]:
         ),
     }
     if shown:
-        found |= {name: _source(name) for name in ("loop.c", "loop.cpp")}
+        found |= {name: source(name) for name in ("loop.c", "loop.cpp")}
     return {**found, MANIFEST: _manifest(solver, [*found])}
 
 
@@ -64,7 +64,8 @@ def _readme(solver: ExportedSolver) -> str:
     )
 
 
-def _source(name: str) -> str:
+def source(name: str) -> str:
+    """Return the text of one of the C files that every exported solver has."""
     return resources(__name__.rpartition(".")[0]).joinpath("c", name).read_text(encoding="utf-8")
 
 

@@ -46,6 +46,7 @@ def header(solver: ExportedSolver) -> str:
         slots=[one for one in problem.slots if one.count],
         curve=problem.curve,
         margin=f"{native.margin:g}",
+        more=solver.more,
     )
 
 

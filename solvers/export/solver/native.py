@@ -3,12 +3,13 @@
 import platform
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
 from typing import Any
 
 from .... import __version__
+from ....framework.jit.exact import exactly
 from ....framework.jit.machine import MEMORY, Target, host, host_features, object_code
 from ....framework.jit.transpile import kernel_source, module_source
 from ....framework.mpc.slots.base import GaussianKind
@@ -94,11 +95,13 @@ class Native:
     subject : the problem and what its numbers are called.
     machine : what the code is for.
     margin : m, added around the robot's bodies.
+    exact : further functions (v, p) of one column, by name, with CasADi's own rounding.
     """
 
     subject: Subject
     machine: Machine
     margin: float
+    exact: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def kernels(self) -> KernelSet:
@@ -126,7 +129,8 @@ class Native:
         """LLVM module of all kernels."""
         inner = sources(self.kernels.functions, carried(self.subject.problem.states), PREFIX)
         outer = [kernel_source(one, PREFIX + name) for name, one in self.around.items()]
-        return module_source([*inner, *outer])
+        exact = [exactly(kernel_source(one, PREFIX + name)) for name, one in self.exact.items()]
+        return module_source([*inner, *outer, *exact])
 
     @cached_property
     def core(self) -> bytes:

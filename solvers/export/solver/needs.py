@@ -25,6 +25,7 @@ class ExportedSolver:
     needs : memory and stack of the core.
     speed : m/s, the planner's along its path.
     aims : level that the planner aims at, for each step, of each kind of slots; None without.
+    more : whether a planner in C calls it, which gives multipliers and plans from other starts.
     """
 
     native: Native
@@ -32,6 +33,7 @@ class ExportedSolver:
     needs: Needs
     speed: float
     aims: tuple[Array | None, ...]
+    more: bool = False
 
 
 def memory(solver: ExportedSolver) -> int:

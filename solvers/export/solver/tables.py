@@ -10,6 +10,8 @@ from ....framework.mpc.ocp.problem import Slots
 from ....framework.values.arrays import Array
 from ...riccati import _protocol as protocol
 from ...riccati.compiled import CompiledSlots
+from ...riccati.interior_point import BARRIER_TEST, WARM_DISTANCE
+from ...riccati.workspace import MOST_PLANS
 from ..layout import number
 from ..rendering import rendered
 from .native import PREFIX
@@ -41,6 +43,7 @@ def _constants(solver: ExportedSolver) -> dict[str, Any]:
     return {
         "NEEDS(has)": f"({needs})",
         "SETTING_GUESS": protocol.SETTING.guess,
+        **(_more_constants() if solver.more else {}),
         **{f"NUMBER_{name.upper()}": k for name, k in protocol.NUMBER._asdict().items()},
         "PLAIN_KERNELS": len(protocol.Kernels._fields),
         "SLOT_KERNELS": sum(map(len, solver.native.kernels.kinds)),
@@ -50,6 +53,16 @@ def _constants(solver: ExportedSolver) -> dict[str, Any]:
         "MOST_GIVEN": _most(solver, 0),
         "MOST_NUMBERS": _most(solver, 1),
         "MOST_ROWS": _most(solver, 2),
+    }
+
+
+def _more_constants() -> dict[str, Any]:
+    """Name the settings that a planner changes, and state those of a warm start."""
+    names = ("warm", "push", "test", "plans", "best", "within", "iterations")
+    return {
+        **{f"SETTING_{name.upper()}": getattr(protocol.SETTING, name) for name in names},
+        "WARM_PUSH": number(WARM_DISTANCE),
+        "WARM_TEST": number(BARRIER_TEST),
     }
 
 
@@ -112,23 +125,36 @@ def _plain(solver: ExportedSolver) -> dict[str, tuple[Any, ...]]:
 
 
 def _trajectories(solver: ExportedSolver) -> tuple[dict[str, tuple[Any, ...]], ...]:
-    """Arrays of the guess, and of the result; no multipliers are given or wanted."""
+    """Arrays of the guess, and of the result; a planner alone gives and wants multipliers."""
     problem = solver.native.subject.problem
+    width = problem.horizon, width_of_steps(solver)
     states = problem.horizon + 1, problem.states
     inputs = problem.horizon, problem.inputs
     begin: dict[str, tuple[Any, ...]] = {
         "states": ("work->states", *states),
         "inputs": ("problem->start_inputs", *inputs),
-        "multipliers": (_NOTHING, 0, 0),
-        "plans": (_NOTHING, 0, 0, 0),
+        "multipliers": ("more->steps_before", *width) if solver.more else (_NOTHING, 0, 0),
+        "plans": ("more->plans", MOST_PLANS, *states) if solver.more else (_NOTHING, 0, 0, 0),
     }
     return begin, {
         "states": ("result->states", *states),
         "inputs": ("result->inputs", *inputs),
         "slack": ("result->slack", problem.horizon),
         "numbers": ("work->numbers", len(protocol.Numbers._fields)),
-        "multipliers": (_NOTHING, 0, 0),
+        "multipliers": ("more->steps_after", *width) if solver.more else (_NOTHING, 0, 0),
     }
+
+
+def width_of_steps(solver: ExportedSolver) -> int:
+    """Multipliers of one step, all but those of slots."""
+    return protocol.width_of(solver.native.kernels.sizes())
+
+
+def width_of_slots(solver: ExportedSolver, k: int) -> int:
+    """Multipliers of one slot and step of a kind."""
+    shape = solver.native.kernels.made.slots[k]
+    own = len(solver.native.kernels.problem.slots[k].auxiliary)
+    return shape.inequalities + shape.equalities + 2 * own
 
 
 def _of_slots(solver: ExportedSolver, k: int) -> dict[str, tuple[Any, ...]]:
@@ -142,6 +168,15 @@ def _of_slots(solver: ExportedSolver, k: int) -> dict[str, tuple[Any, ...]]:
         return (f"{some}.{name}" if np.prod(shape) else _NOTHING, *shape)
 
     where = f"result->{one.name}_auxiliaries" if one.count * own else _NOTHING
+    begun = at("auxiliaries", steps, one.count, own)
+    before: tuple[Any, ...] = (_NOTHING, 0, 0, 0)
+    after = before
+    if solver.more and one.count:
+        wide = steps, one.count, width_of_slots(solver, k)
+        before = (f"more->{one.name}s_before", *wide)
+        after = (f"more->{one.name}s_after", *wide)
+        if own:
+            begun = (f"more->{one.name}s_begun", steps, one.count, own)
     levels = (steps, one.count) if one.levelled else (0, 0)
     return {
         "kernels": (f"work->slot_kernels + {first}", len(made.kinds[k])),
@@ -153,10 +188,10 @@ def _of_slots(solver: ExportedSolver, k: int) -> dict[str, tuple[Any, ...]]:
         "levels": at("level", *levels),
         "active": at("active", one.count),
         "drawn": at("auxiliaries", steps, one.count, own),
-        "begun": at("auxiliaries", steps, one.count, own),
+        "begun": begun,
         "found": (where, steps, one.count, own),
-        "before": (_NOTHING, 0, 0, 0),
-        "after": (_NOTHING, 0, 0, 0),
+        "before": before,
+        "after": after,
     }
 
 
@@ -198,10 +233,13 @@ def _kind(solver: ExportedSolver, k: int, one: Slots) -> str:
         for name, there in places.items()
     ]
     found = f"offsetof(wideberth_result, {one.name}_auxiliaries)" if one.count * own else "NOWHERE"
+    begun = "NOWHERE"
+    if solver.more and one.count * own:
+        begun = f"offsetof(wideberth_more, {one.name}s_begun)"
     kernels = [PREFIX + name if name in around else "NULL" for name in (f"rows{k}", f"set{k}")]
     shape = solver.native.kernels.made.slots[k]
     numbers = [one.count, one.width, own, shape.inequalities, shape.equalities]
-    return _joined([*numbers, *offsets, found, f"AIM_{k}", f"BEGIN_{k}", *kernels])
+    return _joined([*numbers, *offsets, found, begun, f"AIM_{k}", f"BEGIN_{k}", *kernels])
 
 
 def _results(solver: ExportedSolver, name: str) -> int:

@@ -17,11 +17,18 @@ typedef void wideberth_kernel(int64_t offset, int64_t count, const double *v, in
 struct kind {
     int count, parameters, auxiliaries, inequalities, equalities;
     size_t numbers, level, active, own, found; /* where they stand in problem and result */
+    size_t begun;                              /* and what a planner says more */
     const double *aim, *begin;                 /* level of each step, start of own variables */
     wideberth_kernel *rows, *set;              /* NULL: the caller fills the parameters */
 };
 
 #define NOWHERE ((size_t)-1)
+
+#ifdef WIDEBERTH_OF_A_PLANNER
+#include "wideberth_more.h"
+#else
+typedef struct wideberth_more wideberth_more; /* a planner alone has more to say */
+#endif
 
 #include "wideberth_tables.h"
 
@@ -374,9 +381,17 @@ static int64_t *row_of(int64_t *row, const volatile void *data, int64_t a, int64
     return row + 4;
 }
 
+/* Where own variables of a kind begin: at what they are drawn to, unless a planner says more. */
+#ifdef WIDEBERTH_OF_A_PLANNER
+#define BEGUN(problem, more, k) seen(more, KINDS[k].begun)
+#else
+#define BEGUN(problem, more, k) seen(problem, KINDS[k].own)
+#endif
+
 #define ROW(data, a, b, c) (row = row_of(row, (data), (a), (b), (c)))
 
-static void describe(const wideberth_problem *problem, struct work *work, wideberth_result *result)
+static void describe(const wideberth_problem *problem, wideberth_more *more, struct work *work,
+    wideberth_result *result)
 {
     int64_t *row = work->table;
     int k;
@@ -386,6 +401,19 @@ static void describe(const wideberth_problem *problem, struct work *work, widebe
         work->slot_kernels[k] = (int64_t)(intptr_t)SLOT_KERNELS[k];
     memcpy(work->settings, SETTINGS, sizeof(SETTINGS));
     work->settings[WIDEBERTH_SETTING_GUESS] = problem->start_level;
+#ifdef WIDEBERTH_OF_A_PLANNER
+    if (more->warm > 0.0) {
+        work->settings[WIDEBERTH_SETTING_WARM] = 1.0;
+        work->settings[WIDEBERTH_SETTING_PUSH] = WIDEBERTH_WARM_PUSH;
+        work->settings[WIDEBERTH_SETTING_TEST] = WIDEBERTH_WARM_TEST;
+    }
+    work->settings[WIDEBERTH_SETTING_PLANS] = more->known;
+    work->settings[WIDEBERTH_SETTING_BEST] = more->best;
+    work->settings[WIDEBERTH_SETTING_WITHIN] = more->within;
+    work->settings[WIDEBERTH_SETTING_ITERATIONS] = more->iterations;
+#else
+    (void)more;
+#endif
     unwrap(problem, work->states);
     WIDEBERTH_ROWS
     (void)row;
@@ -414,8 +442,8 @@ static double sum_of(const double *values, int count)
     return sum;
 }
 
-int wideberth_solve(
-    const wideberth_problem *problem, void *memory, size_t size, wideberth_result *result)
+static int solve(const wideberth_problem *problem, wideberth_more *more, void *memory, size_t size,
+    wideberth_result *result)
 {
     struct arena arena, *const outer = running;
     struct work *work;
@@ -431,11 +459,11 @@ int wideberth_solve(
     work = (struct work *)(void *)(begin + skip);
     memset(work, 0, sizeof(*work));
     memset(result, 0, sizeof(*result));
-    describe(problem, work, result);
+    describe(problem, more, work, result);
     for (k = 0; k < WIDEBERTH_KINDS; k++) { /* own variables of empty slots stay as they began */
         const size_t own = sizeof(double) * (size_t)(KINDS[k].count * KINDS[k].auxiliaries);
         if (KINDS[k].found != NOWHERE)
-            memcpy((unsigned char *)result + KINDS[k].found, seen(problem, KINDS[k].own),
+            memcpy((unsigned char *)result + KINDS[k].found, BEGUN(problem, more, k),
                 WIDEBERTH_HORIZON * own);
     }
     arena.next = begin + skip + WIDEBERTH_WORK;
@@ -449,6 +477,9 @@ int wideberth_solve(
     result->cost = work->numbers[WIDEBERTH_NUMBER_COST];
     result->level = work->numbers[WIDEBERTH_NUMBER_LEVEL];
     result->error = work->numbers[WIDEBERTH_NUMBER_ERROR];
+#ifdef WIDEBERTH_OF_A_PLANNER
+    more->outcome = result->status;
+#endif
 #ifdef WIDEBERTH_PENALTY
     {
         const volatile double paid = WIDEBERTH_PENALTY * sum_of(result->slack, WIDEBERTH_HORIZON);
@@ -459,6 +490,22 @@ int wideberth_solve(
     (void)sum_of;
 #endif
     return WIDEBERTH_NO_ERROR;
+}
+
+#ifdef WIDEBERTH_OF_A_PLANNER
+
+int wideberth_solve_more(const wideberth_problem *problem, wideberth_more *more, void *memory,
+    size_t size, wideberth_result *result)
+{
+    return more ? solve(problem, more, memory, size, result) : WIDEBERTH_NULL;
+}
+
+#else
+
+int wideberth_solve(
+    const wideberth_problem *problem, void *memory, size_t size, wideberth_result *result)
+{
+    return solve(problem, NULL, memory, size, result);
 }
 
 /* ---- Holding a plan against its problem */
@@ -535,3 +582,5 @@ double wideberth_violation(const wideberth_problem *problem, const wideberth_res
 #endif
     return worst;
 }
+
+#endif

@@ -27,6 +27,10 @@ extern "C" {
 #if {{ conditions }}
 #define WIDEBERTH_FOR_THIS_PROCESSOR 1
 #endif
+{% if more %}
+
+#define WIDEBERTH_OF_A_PLANNER 1 /* which calls wideberth_solve_more instead of wideberth_solve */
+{% endif %}
 
 /* Sizes. */
 {% for one in sizes %}
@@ -133,6 +137,7 @@ int wideberth_clear(wideberth_problem *problem, int kind, int slot);
  * `initial`; from zero inputs where `last` is NULL. */
 int wideberth_start(wideberth_problem *problem, const wideberth_result *last, double share);
 
+{% if not more %}
 /* Solve. The `size` bytes at `memory` (WIDEBERTH_MEMORY, any alignment) are used until it returns.
  * May be called inside a signal handler that interrupted it, with other memory. */
 int wideberth_solve(
@@ -141,6 +146,7 @@ int wideberth_solve(
 /* Largest violation of dynamics, limits and regions by a plan, each in its own unit. */
 double wideberth_violation(const wideberth_problem *problem, const wideberth_result *plan);
 
+{% endif %}
 /* The planner's robot after one step of WIDEBERTH_DT; `next` may be `state`. */
 void wideberth_step(const double *state, const double *input, double *next);
 

@@ -1,0 +1,286 @@
+/* What the files of the planner have in common: numbers, structures, and who computes what. */
+#ifndef WIDEBERTH_PLANNER_PARTS_H
+#define WIDEBERTH_PLANNER_PARTS_H
+
+#include "wideberth_planner.h"
+
+#include <math.h>
+#include <stdint.h>
+
+#include "wideberth_solver.h"
+
+#include "wideberth_more.h"
+
+#include "wideberth_planner_tables.h"
+
+enum {
+    N = WIDEBERTH_HORIZON,
+    NX = WIDEBERTH_STATES,
+    NU = WIDEBERTH_INPUTS,
+    KO = WIDEBERTH_OBSTACLES,
+    KP = WIDEBERTH_POLYGONS,
+    WALLS = KP ? WIDEBERTH_WALLS : 1,
+    SLOTS = KO + KP,
+    CORNERS = WIDEBERTH_CORNERS,
+    POINTS = WIDEBERTH_PATH_POINTS,
+    ALL_WAYS = 19, /* to stop: straight on, and six ways out for three durations */
+    ALL_STARTS = 8 /* the last plan, and every other that can be named */
+};
+
+#define FARTHEST 1e9
+#define TOLERANCE WIDEBERTH_PLAN_TOLERANCE
+#define PI 3.14159265358979323846
+
+struct scratch;
+
+/* ---- Tracks: what was measured of whom */
+
+struct log {
+    char name[WIDEBERTH_NAME];
+    int count; /* of the measurements, oldest first */
+    double times[PLAN_LOG], places[PLAN_LOG][2];
+    double reported, radius, covariance[4];
+};
+
+struct history {
+    int count;
+    struct log logs[2 * PLAN_MOST]; /* in the order in which they came */
+    double stamp;                   /* of the last observation; -INFINITY before */
+    int placeless;                  /* how many were seen without a place */
+};
+
+struct track {
+    const char *name;
+    double radius, noise[4];
+    double places[PLAN_SAMPLES][2]; /* NAN where not observed */
+};
+
+struct tracks {
+    int count;
+    double stamp; /* of the newest sample */
+    struct track of[PLAN_MOST];
+};
+
+/* Take note of what is seen; `here` is the robot's place, or NULL. */
+void wb_take(struct history *history, const wideberth_observation *seen, const double *here,
+    struct scratch *scratch);
+void wb_tracks(const struct history *history, struct tracks *tracks);
+
+/* ---- Forecast */
+
+struct past { /* of one obstacle, without gaps; see predictors/core/history.py */
+    int length, began, late, samples;
+    double origin[2], places[PLAN_FILTERED][2];
+    int observed[PLAN_FILTERED];
+};
+
+struct forecast {
+    double mean[PLAN_MOST][PLAN_AHEAD][2], covariance[PLAN_MOST][PLAN_AHEAD][4];
+};
+
+#if PLAN_CONFORMAL
+struct pending {
+    double stamp;
+    int count;
+    char names[PLAN_MOST][WIDEBERTH_NAME];
+    int kind[PLAN_MOST];
+    double mean[PLAN_MOST][PLAN_CONFORMAL_STEPS][2];
+    double covariance[PLAN_MOST][PLAN_CONFORMAL_STEPS][4];
+};
+#endif
+
+struct learnt {
+#if PLAN_CONFORMAL
+    int begun, waiting;
+    double stamp, logarithm[PLAN_CONFORMAL_CLASSES][PLAN_CONFORMAL_STEPS];
+    struct pending pending[PLAN_CONFORMAL_PENDING]; /* oldest first */
+#else
+    int nothing;
+#endif
+};
+
+/* Let the predictor learn, then forecast at the plan's steps 1..N; `first` is the time of the
+ * plan's first state. */
+void wb_learn(struct learnt *learnt, const struct tracks *tracks, struct scratch *scratch);
+void wb_forecast(const struct learnt *learnt, const struct tracks *tracks, double first,
+    struct forecast *forecast, struct scratch *scratch);
+
+/* Eigenvalues, the larger first, and as columns the vectors of [[a, b], [b, c]]. */
+void wb_axes(const double *matrix, double *values, double *vectors);
+
+/* ---- Motion of the robot, without solving anything */
+
+void wb_pose(const double *state, double *pose);                        /* x, y, heading */
+void wb_twist(const double *state, const double *input, double *twist); /* linear, linear, yaw */
+void wb_drive(const double *state, const double *twist, double *input);
+void wb_next(const double *state, const double *input, double *next);
+void wb_follow(const double *start, double (*inputs)[NU], double (*states)[NX]);
+void wb_clip_inputs(double (*inputs)[NU]);
+void wb_within_bounds(const double *state, double *found);
+
+/* Hold one twist for some steps, then another. */
+void wb_steer(const double *start, const double *first, int count, const double *second,
+    double (*states)[NX], double (*inputs)[NU]);
+void wb_brake(const double *start, double (*states)[NX], double (*inputs)[NU]);
+void wb_sweep(const double *start, int name, double speed, const double *now, double *twist);
+void wb_shift(double (*inputs)[NU], double share, double (*found)[NU]);
+
+struct instance;
+
+/* States on the reference, and the inputs that bring each twist to the next. */
+void wb_laid(const wideberth_problem *problem, double (*states)[NX], double (*inputs)[NU]);
+
+/* Ways to stop, straight on first; returns how many there are. */
+int wb_stops(const double *start, double fastest, double (*states)[N + 1][NX],
+    double (*inputs)[N][NU]);
+
+void wb_limited(const double *state, const double *input, wideberth_command *command);
+
+/* ---- Walls */
+
+struct wall {
+    int corners;
+    double at[CORNERS][2]; /* counter-clockwise */
+    double normals[CORNERS][2];
+};
+
+/* Returns 0 where the polygon is no convex one of enough width. */
+int wb_wall(const wideberth_polygon *given, struct wall *wall);
+double wb_separation(const double *place, const double (*at)[2], int corners, double *normal);
+
+/* ---- The plan */
+
+struct point {
+    double states[N + 1][NX], inputs[N][NU], slack[N];
+    double level;
+#if WIDEBERTH_POLYGONS > 0
+    double own[N][KP][WIDEBERTH_POLYGON_AUXILIARIES];
+#endif
+};
+
+struct kept { /* multipliers of the last plan, and whose they are */
+    int known, obstacles, polygons;
+    double level;
+    char names[KO][WIDEBERTH_NAME];
+    double steps[N][WIDEBERTH_MULTIPLIERS], slots[N][KO][WIDEBERTH_OBSTACLE_MULTIPLIERS];
+};
+
+struct violation {
+    double motion[N], regions[N][SLOTS], touch[N], pressed[N];
+    int in_contact; /* whether the rule of contact was looked at */
+};
+
+struct candidate {
+    struct point point;
+    struct violation found;
+    int status, iterations, solved, way; /* way -1: no manoeuvre */
+    double cost;
+    int multipliers; /* whether there are some */
+    double steps[N][WIDEBERTH_MULTIPLIERS], slots[N][KO][WIDEBERTH_OBSTACLE_MULTIPLIERS];
+};
+
+struct moved { /* how a robot moves past those in contact */
+    double begin, speed[N], turn[N], length[N];
+};
+
+struct contact {
+    int there, count, placeless;
+    double places[PLAN_MOST][2], radii[PLAN_MOST], fastest;
+    struct moved braking;
+    double braking_depth[N + 1][PLAN_MOST];
+};
+
+struct instance {
+    wideberth_problem problem;
+    int obstacles, polygons;           /* slots in use */
+    char names[KO][WIDEBERTH_NAME];    /* of the obstacles' slots */
+    double means[N][KO][2], radii[KO]; /* of the obstacles that have a slot */
+    int walls;
+    struct wall known[WALLS]; /* all of them */
+    int last;                 /* whether there are inputs of the last plan */
+    double last_inputs[N][NU];
+    struct contact contact;
+    double target; /* s_ref; NAN where none is shared */
+    int left_out;
+};
+
+struct outcome {
+    int count, in_the_way, before, iterations;
+    struct candidate candidates[ALL_STARTS];
+};
+
+struct scratch {
+    int order[WIDEBERTH_DETECTIONS];
+    double away[WIDEBERTH_DETECTIONS], wall_away[WALLS];
+    wideberth_detection seen[WIDEBERTH_DETECTIONS];
+    struct past past;
+    struct forecast forecast;
+    double place[PLAN_MOST][N][2], spread[PLAN_MOST][N][4];
+    struct candidate drivable[ALL_STARTS], ways[ALL_WAYS];
+    double way_states[ALL_WAYS][N + 1][NX], way_inputs[ALL_WAYS][N][NU];
+    struct candidate one;
+    struct point starts[ALL_STARTS], aimed;
+    struct violation entered;
+    double towards[N][PLAN_MOST], depth[N + 1][PLAN_MOST];
+    wideberth_more more;
+    wideberth_result result;
+    unsigned char memory[WIDEBERTH_MEMORY];
+};
+
+struct path {
+    int count;
+    double at[POINTS][2], arc[POINTS];
+    int begun; /* whether `last` and `where` are known */
+    double last, where[2];
+};
+
+struct wideberth_planner {
+    uint64_t build;
+    struct path path;
+    struct history history;
+    struct learnt learnt;
+    struct tracks tracks;
+    struct forecast forecast;
+    int has_plan;
+    double plan_stamp, plan_inputs[N][NU];
+    struct kept kept;
+    int obstacle_in_way;
+    struct instance instance;
+    struct outcome outcome;
+    struct scratch scratch;
+};
+
+/* Fill the problem of one decision; the first starting point is written to `first`. */
+void wb_fill(struct wideberth_planner *planner, const wideberth_observation *seen,
+    const double *start, double arc, struct point *first);
+double wb_advanced(struct path *path, const double *place);
+void wb_lay(const struct path *path, double arc, wideberth_problem *problem);
+
+/* Own variables that suit the poses of a point best. */
+void wb_suit(const struct instance *instance, struct point *point);
+
+/* Verify. */
+void wb_verify(struct wideberth_planner *planner, const struct point *point, const double *touch,
+    struct violation *found);
+int wb_entered(const struct instance *instance, const struct point *point, double level,
+    double (*regions)[SLOTS]);
+double wb_worst(const struct violation *found);
+double wb_total(const struct violation *found);
+double wb_largest_motion(const struct violation *found);
+double wb_touched_or_near(const struct instance *instance, const struct candidate *one, int window);
+double wb_price(const struct instance *instance, const struct point *point);
+
+/* The rule of contact. */
+void wb_contact(struct wideberth_planner *planner, const wideberth_observation *seen,
+    const double *start);
+void wb_pressed(const struct instance *instance, const struct point *point, struct scratch *scratch,
+    double *pressed);
+
+/* Solve from one start or several, and take the first rung that holds. */
+void wb_multistart(struct wideberth_planner *planner, struct point *first, int warm);
+const struct candidate *wb_choose(struct wideberth_planner *planner, int *rung);
+
+/* Sum as NumPy does it, which adds eight at a time. */
+double wb_sum(const double *values, int count);
+
+#endif

@@ -1,0 +1,123 @@
+"""What the planner in C has, and the refusal by name of what it lacks."""
+
+from collections.abc import Callable
+from typing import Any
+
+from ....framework.mpc.planner.rungs import RUNGS
+from ....framework.mpc.planner.settings import PlannerSettings
+from ....framework.mpc.slots.static_polygons import CORNERS
+from ....framework.plugins.config import describe
+from ....framework.robot import SymbolicDrive
+from ....framework.values.errors import WideberthError
+
+SUPPORTED = {
+    "robot": "unicycle without a footprint, or another SymbolicDrive with a heading in the plane",
+    "predictor": ("kalman, imm of merged modes, corrected of it without a fit, and "
+                  "adaptive_conformal of any of these"),
+    "region": "mahalanobis_ellipse",
+    "static_region": "separating_line, or none",
+    "level": "fixed, discounted, relaxed, paper",
+    "cost": "tracking",
+    "solver": "riccati",
+    "deadline": "none",
+    "latency": "0",
+    "further_kinds": "none",
+    "fallback.rungs": "the built-in ones",
+    "fallback.stop_at_end": "false",
+}  # fmt: skip
+"""Setting of the planner -> what of it is in C; every other setting may have any value."""
+_LEVELS = ("fixed", "discounted", "relaxed", "paper")
+
+
+def refuse(planner: PlannerSettings, corners: int) -> SymbolicDrive:
+    """Refuse a planner of which the C library lacks something; return its robot.
+
+    Parameters
+    ----------
+    planner, corners : what is exported, and vertices of its polygons.
+
+    Raises
+    ------
+    WideberthError : names every setting that the library lacks, and lists what it has.
+    """
+    lacks = [
+        f"{name} is {shown(planner)}"
+        for name, (here, shown) in _RULES.items()
+        if not here(planner)
+    ]
+    if planner.static_region is not None and corners != CORNERS[0]:
+        lacks.append(f"corners is {corners}, and in C polygons have up to {CORNERS[0]}")
+    robot = planner.robot
+    if lacks or not isinstance(robot, SymbolicDrive):
+        known = "; ".join(f"{name}: {words}" for name, words in SUPPORTED.items())
+        raise WideberthError(
+            f"the planner in C lacks what this one needs: {'; '.join(lacks)}. It has {known}"
+        )
+    return robot
+
+
+def base_of(predictor: Any) -> Any:
+    """Return the filter behind a predictor, without its calibration."""
+    while _type(predictor) in ("adaptive_conformal", "corrected"):
+        predictor = predictor.base
+    return predictor
+
+
+def _type(plugin: Any) -> str:
+    return "" if plugin is None else str(describe(plugin).get("type", type(plugin).__name__))
+
+
+def _robot_fits(planner: PlannerSettings) -> bool:
+    robot = planner.robot
+    fits = isinstance(robot, SymbolicDrive) and robot.dimension == 2 and robot.footprint is None
+    return fits and robot.pose((0.0,) * len(robot.states)).heading is not None
+
+
+def _predictor_fits(planner: PlannerSettings) -> bool:
+    predictor: Any = planner.predictor
+    if _type(predictor) == "adaptive_conformal":
+        predictor = predictor.base if predictor.state is None else None
+    if _type(predictor) == "corrected":
+        predictor = predictor.base if predictor.fitted is None else None
+    if _type(predictor) == "imm":
+        return bool(predictor.modes == "merged")
+    return _type(predictor) == "kalman" and predictor.backend == "batched"
+
+
+def _of(name: str, *known: str) -> "_Rule":
+    """Return the rule that a plug-in is one of some by name, "" for none at all."""
+    return (
+        lambda planner: _type(getattr(planner, name)) in known,
+        lambda planner: _type(getattr(planner, name)),
+    )
+
+
+def _equal(name: str, value: Any) -> "_Rule":
+    return (
+        lambda planner: getattr(planner, name) == value,
+        lambda planner: repr(getattr(planner, name)),
+    )
+
+
+_Rule = tuple[Callable[[PlannerSettings], bool], Callable[[PlannerSettings], str]]
+_RULES: dict[str, _Rule] = {
+    "robot": (_robot_fits, lambda planner: str(describe(planner.robot))),
+    "predictor": (_predictor_fits, lambda planner: str(describe(planner.predictor))),
+    "region": _of("region", "mahalanobis_ellipse"),
+    "static_region": _of("static_region", "", "separating_line"),
+    "level": _of("level", *_LEVELS),
+    "cost": _of("cost", "tracking"),
+    "solver": _of("solver", "riccati"),
+    "deadline": _equal("deadline", None),
+    "latency": _equal("latency", 0.0),
+    "further_kinds": _equal("further_kinds", ()),
+    "fallback.rungs": (
+        lambda planner: set(planner.fallback.rungs) <= set(RUNGS),
+        lambda planner: str(planner.fallback.rungs),
+    ),
+    "fallback.stop_at_end": (
+        lambda planner: not planner.fallback.stop_at_end,
+        lambda planner: str(planner.fallback.stop_at_end),
+    ),
+}
+"""Whether the library has what a planner needs, and what that is."""

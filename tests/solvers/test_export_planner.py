@@ -1,0 +1,324 @@
+"""The exported planner commands what Python's does, and says what it lacks."""
+
+import ctypes
+import shutil
+import subprocess
+from collections import Counter
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth.benchmarks.exported_folder import fits
+from wideberth.experiments.cli.export import whole_planner
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Observation
+from wideberth.solvers.export.planner.files import RUNGS, bundle
+from wideberth.solvers.export.planner.supported import SUPPORTED
+from wideberth.solvers.export.solver.native import NATIVE, machine
+from wideberth.tests.helpers.planner_library import (
+    COMPILER,
+    REPLAY,
+    Drive,
+    Library,
+    Scene,
+    Structures,
+    compiled,
+    differences,
+    driven,
+    exported,
+    library,
+    planner,
+)
+
+needs_compiler = pytest.mark.skipif(
+    COMPILER is None or not fits(),
+    reason="the planner is compiled and run, and there is no C compiler here, or no object fits",
+)
+CLOSE = 1e-9
+"""m/s, rad/s and s."""
+LONG, CLOSE_AFTER = 100, 1e-5
+"""With hard regions a solve of more than 100 iterations carries rounding on: Python's own command
+then moves by 6e-7 where what is seen changes in its last digit (measured)."""
+
+
+def lost(seen: Observation) -> Observation:
+    """The robot does not know where it is."""
+    return replace(seen, state=np.full(5, np.nan))
+
+
+def back(seen: Observation) -> Observation:
+    """The clock goes back by two seconds."""
+    return replace(seen, stamp=seen.stamp - 2.0)
+
+
+def later(seen: Observation) -> Observation:
+    """Nothing was seen for half a minute."""
+    return replace(seen, stamp=seen.stamp + 30.0)
+
+
+EVENTS = {8: lost, 14: back, 29: later}
+DRIVES: dict[str, tuple[dict[str, Any], list[tuple[Scene, int, int]]]] = {
+    "recommended": (
+        {},
+        [
+            (Scene(people=5, walls=6, late=True), 0, 35),
+            (Scene(people=8, close=True, odd=0.1, events=EVENTS), 1, 35),
+            (Scene(people=25, walls=3), 2, 25),
+            (Scene(people=1), 3, 15),
+        ],
+    ),
+    "kalman": (
+        {"predictor": "kalman", "period": 0.1, "solver": {"type": "riccati", "iterations": 12}},
+        [
+            (Scene(people=5, walls=3, late=True, period=0.1), 0, 40),
+            (Scene(people=4, period=0.1, events=EVENTS), 1, 35),
+            (Scene(people=10, close=True, odd=0.05, period=0.1), 2, 25),
+        ],
+    ),
+    "hard": (
+        {
+            "predictor": {"type": "adaptive_conformal", "base": "kalman", "speeds": [1.0]},
+            "level": {"type": "discounted"}, "penalty": None, "static_region": None,
+            "most_obstacles": 2, "history": 20, "track_dt": 0.4,
+            "starts": ["along", "left", "coast", "back-right"],
+            "fallback": {"rungs": ["optimal", "shifted last plan", "brake"]},
+        },
+        [(Scene(people=6, late=True), 0, 25)],
+    ),
+}  # fmt: skip
+
+
+class Case:
+    """A planner, its export, and drives of it."""
+
+    def __init__(self, name: str, place: Path) -> None:
+        settings, scenes = DRIVES[name]
+        self.planner: Planner = planner(**settings)
+        self.place = exported(self.planner, place)
+        self.drives = [driven(self.planner, *scene) for scene in scenes]
+
+    @cached_property
+    def library(self) -> Library:
+        """The compiled library."""
+        return library(self.place)
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Case]:
+    folder = tmp_path_factory.mktemp("planner")
+    return {name: Case(name, folder / name) for name in DRIVES}
+
+
+# ---- The same commands as Python's
+
+
+@needs_compiler
+def test_commands_are_python_s(cases: dict[str, Case]) -> None:
+    """210 decisions and 25 with hard regions: crowds, walls, contact, odd numbers, odd clocks."""
+    rungs: Counter[str] = Counter()
+    several = warm = 0
+    for name, case in cases.items():
+        for drive in case.drives:
+            found = case.library.replayed(drive)
+            commands = np.array([[*one.linear, one.omega, one.ramp] for one in found])
+            apart = differences([drive], commands)
+            iterations = np.array([tick.iterations for tick in drive.ticks])
+            long = (iterations > LONG) & (case.planner.penalty is None)
+            allowed = np.where(long, CLOSE_AFTER, CLOSE)
+            assert (apart <= allowed).all(), (name, apart, iterations)
+            assert (apart > CLOSE).sum() <= 2, (name, apart, iterations)
+            taken = [(tick.rung, one) for tick, one in zip(drive.ticks, found, strict=True)]
+            assert all(_same_rung(rung, one) for rung, one in taken), name
+            rungs.update(rung for rung, one in taken if one.status == 0)
+            rungs["emergency"] += sum(one.status != 0 for _, one in taken)
+            several += sum(one.starts > 1 for _, one in taken)
+            pairs = zip(drive.ticks, found, strict=True)
+            warm += sum(tick.iterations == one.iterations > 0 for tick, one in pairs)
+    assert sum(rungs.values()) == 235
+    assert several > 40 and warm > 200  # the solver took as many iterations as in Python
+    for rung, most in {"optimal": 100, "feasible": 15, "shifted": 1, "least violation": 30,
+                       "brake": 30, "emergency": 2}.items():  # fmt: skip
+        assert sum(count for name, count in rungs.items() if rung in name) >= most, rungs
+
+
+def _same_rung(rung: str, one: Any) -> bool:
+    names = ("optimal", "feasible", "shifted", "least", "brake", "brake")
+    return rung.startswith(names[one.rung])
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", ["address,undefined", "thread"])
+def test_two_threads_under_sanitizers(cases: dict[str, Case], flags: str, tmp_path: Path) -> None:
+    """The glue is compiled with them; the solver's object code is as it is shipped."""
+    if not _knows(flags, tmp_path):
+        pytest.skip(f"this compiler has no -fsanitize={flags}")
+    case = cases["recommended"]
+    words = ["-O1", "-g", f"-fsanitize={flags}", "-fno-sanitize-recover=all", "-I.", "-pthread"]
+    program = compiled(case.place, "replay", *words, str(REPLAY))
+    for commands in replayed(case, program, case.drives[:2], tmp_path):
+        assert differences(case.drives[:2], commands).max() <= CLOSE
+
+
+def _knows(flags: str, place: Path) -> bool:
+    """Whether the compiler has a sanitizer whose programs run here."""
+    (place / "none.c").write_text("int main(void) { return 0; }\n")
+    call = [str(COMPILER), f"-fsanitize={flags}", "-o", "none", "none.c"]
+    made = subprocess.run(call, cwd=place, capture_output=True, check=False)
+    return made.returncode == 0 and subprocess.run([place / "none"], check=False).returncode == 0
+
+
+def replayed(case: Case, program: Path, drives: list[Drive], place: Path) -> list[Any]:
+    """Commands of both threads of `planner_replay.c`."""
+    types = Structures(case.place)
+    (place / "drives").write_bytes(b"".join(drive.written(types) for drive in drives))
+    done = subprocess.run(
+        [program, place / "drives", place / "commands"], capture_output=True, text=True,
+        check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return list(np.fromfile(place / "commands").reshape(2, -1, 4))
+
+
+@needs_compiler
+def test_another_constant_is_noticed(cases: dict[str, Case], tmp_path: Path) -> None:
+    case = cases["recommended"]
+    place = Path(shutil.copytree(case.place, tmp_path / "c"))
+    table = place / "wideberth_planner_tables.h"
+    text, rate = table.read_text(), "PLAN_CONFORMAL_RATE 0.1"
+    assert text.count(rate) == 1
+    table.write_text(text.replace(rate, f"{rate}1"))
+    changed = library(place)
+    found = [one for drive in case.drives for one in changed.replayed(drive)]
+    commands = np.array([[*one.linear, one.omega, one.ramp] for one in found])
+    assert differences(case.drives, commands).max() > 1e-4
+
+
+# ---- Failures are statuses, and the command brakes
+
+
+@needs_compiler
+def test_every_failure_has_a_status_and_a_braking_command(cases: dict[str, Case]) -> None:
+    case = cases["recommended"]
+    own, first = case.library, case.drives[0].ticks[0].seen
+    code, moving = own.code, replace(first, state=np.array([0.0, 0.0, 0.0, 0.5, 0.1]))
+    fresh = Library(case.place / "planner.so", case.place)
+    nowhere = fresh.decide(moving)
+    assert status_of(fresh, nowhere) == "no path is set: call wideberth_planner_set_path"
+    assert own.follow(np.zeros((3, 2))) == own.follow(np.full((2, 2), np.nan)) != 0
+    assert own.follow(case.drives[0].way.points) == 0
+    crowd = replace(moving, detections=first.detections * 200)
+    walled = replace(moving, polygons=first.polygons * 60)
+    never = replace(moving, stamp=np.inf)
+    for seen, words in ((crowd, "more detections"), (walled, "more walls"), (never, "stamp")):
+        found = own.decide(seen)
+        assert status_of(own, found).startswith(words)
+        assert found.linear[0] == pytest.approx(0.5 - 0.5 * 0.7) and found.rung == len(RUNGS) - 1
+    assert code.wideberth_planner_decide(None, None, None) != 0
+    none = own.types.decided()
+    assert code.wideberth_planner_decide(own.planner, None, ctypes.byref(none)) != 0
+    size = code.wideberth_planner_size()
+    assert own.begin(size - 1, own.types.build) != own.begin(size, own.types.build + 1) != 0
+    assert own.begin(size, own.types.build) == 0
+
+
+def status_of(own: Library, found: Any) -> str:
+    """Say in words how a decision ended."""
+    words: bytes = own.code.wideberth_planner_status_text(found.status)
+    assert words.decode() in found.reason.decode() or len(words) > 120
+    return words.decode()
+
+
+@needs_compiler
+def test_walls_of_a_costmap_cover_its_cells(cases: dict[str, Case]) -> None:
+    """Rectangles of occupied cells: their area is that of the cells, each cell in one of them."""
+
+    class Costmap(ctypes.Structure):
+        _fields_ = [
+            ("cells", ctypes.c_char_p), ("width", ctypes.c_int), ("height", ctypes.c_int),
+            ("resolution", ctypes.c_double), ("origin", ctypes.c_double * 2),
+            ("occupied", ctypes.c_int), ("unknown", ctypes.c_int),
+        ]  # fmt: skip
+
+    rng = np.random.default_rng(0)
+    cells = rng.choice(np.array([0, 100, 253, 254, 255], np.uint8), (12, 17))
+    cells[3:6, 2:9] = 254
+    own = cases["recommended"].library
+    taken, walls = ctypes.create_string_buffer(cells.size), (own.types.wall * 200)()
+    near = (ctypes.c_double * 2)(1.0, 1.0)
+    given = Costmap(cells.tobytes(), 17, 12, 0.5, (ctypes.c_double * 2)(-2.0, 1.0), 254, 255)
+    asked = own.code.wideberth_walls_of
+    count = asked(ctypes.byref(given), near, taken, walls, 200)
+    boxes = np.array([[list(corner) for corner in wall.at] for wall in walls[:count]])
+    low, high = boxes[:, 0], boxes[:, 2]
+    assert np.prod(high - low, axis=1).sum() == pytest.approx(0.25 * (cells == 254).sum())
+    for row, column in np.argwhere(cells == 254):
+        middle = np.array([-2.0, 1.0]) + 0.5 * (np.array([column, row]) + 0.5)
+        assert ((low < middle) & (middle < high)).all(axis=1).sum() == 1
+    few = (own.types.wall * 3)()
+    assert asked(ctypes.byref(given), near, taken, few, 3) == count
+    away = np.linalg.norm(np.maximum(0.0, np.maximum(low - 1.0, 1.0 - high)), axis=1)
+    kept = np.array([[list(corner) for corner in wall.at] for wall in few])
+    far = np.maximum(0.0, np.maximum(kept[:, 0] - 1.0, 1.0 - kept[:, 2]))
+    assert np.allclose(np.sort(np.linalg.norm(far, axis=1)), np.sort(away)[:3])
+    assert asked(None, near, taken, few, 3) == -1
+
+
+@needs_compiler
+def test_the_example_drives_past_people(cases: dict[str, Case]) -> None:
+    place = cases["kalman"].place
+    made = subprocess.run(
+        ["make", "CFLAGS=-O1 -Wall -Wextra -Werror"], cwd=place, capture_output=True, text=True,
+        check=False, timeout=120,
+    )  # fmt: skip
+    assert made.returncode == 0, made.stderr
+    done = subprocess.run(
+        [place / "loop"], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0 and "optimal" in done.stdout
+    within = float(done.stdout.split("within ")[1].split()[0])
+    assert within > 0.75 + 0.3  # both radii
+
+
+# ---- What is refused, and what is written
+
+FOOTPRINT = {"radius": 0.3, "centres": [[0, 0]]}
+WAYS = {"type": "ways", "region": "mahalanobis_ellipse"}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("robot", {"robot": "bicycle"}),
+        ("robot", {"robot": {"type": "unicycle", "footprint": FOOTPRINT}}),
+        ("predictor", {"predictor": "var"}),
+        ("predictor", {"predictor": {"type": "imm", "modes": "kept"}}),
+        ("region", {"region": "minkowski_sum"}),
+        ("static_region", {"static_region": "dual"}),
+        ("level", {"level": "risk_allocation"}),
+        ("cost", {"cost": "contouring"}),
+        ("solver", {"solver": "fatrop"}),
+        ("deadline", {"deadline": 0.4}),
+        ("latency", {"latency": 0.1}),
+        ("further_kinds", {"further_kinds": [WAYS], "level": "fixed"}),
+        ("fallback.stop_at_end", {"fallback": {"stop_at_end": True}}),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_the_library_lacks_is_refused_by_name(name: str, settings: dict[str, Any]) -> None:
+    with pytest.raises(WideberthError, match=f"{name} is ") as error:
+        whole_planner(planner(**settings), "test", machine(NATIVE))
+    assert all(f"{known}: " in str(error.value) for known in SUPPORTED)
+
+
+def test_the_same_planner_gives_the_same_bytes(cases: dict[str, Case]) -> None:
+    case = cases["recommended"]
+    again = bundle(whole_planner(case.planner, "test", machine(NATIVE)))
+    assert {"README.md", "manifest.json", "wideberth_planner.h", "loop.c"} <= set(again)
+    for name, content in again.items():
+        text = content if isinstance(content, bytes) else content.encode()
+        assert (case.place / name).read_bytes() == text, name
