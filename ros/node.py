@@ -520,7 +520,8 @@ class PlannerNode:
             estimate = MotionEstimate(received.time, mean, covariance)
         except WideberthError:  # no covariance at all
             estimate = MotionEstimate(received.time, mean, EXACT * np.eye(6))
-        state, spread = own_state(self.robot, estimate, seen_from_here=True)
+        state, known = own_state(self.robot, estimate, seen_from_here=True)
+        spread = None if motion.covariance is None else known
         seen = ScanView() if self._obstacles is None else self._obstacles.view(self._own)
         walls = seen.polygons + (() if self._goals is None else self._goals.walls)
         instant = self._own.now if self.settings.stepped else received.time

@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf
 from typing import Any, Literal, Protocol, final
 
 import numpy as np
@@ -44,11 +45,11 @@ class ObstacleTopic:
     ----------
     topic : of the messages. kind : their type, one of `wideberth.ros.decoding.OBSTACLES`.
     radius : m, of obstacles whose size is not stated.
-    deviation : m per axis, of obstacles whose covariance is not stated.
+    deviation : m per axis, of obstacles whose covariance is not stated; 0 where places are exact.
 
     Raises
     ------
-    WideberthError : no topic, a type that is not known, a number that is not above zero.
+    WideberthError : no topic, a type that is not known, a number that is out of range.
     """
 
     topic: str = "/obstacles"
@@ -61,7 +62,8 @@ class ObstacleTopic:
         if self.kind not in OBSTACLES:
             raise WideberthError(unknown("obstacle type", self.kind, sorted(OBSTACLES)))
         positive("node.sees.radius", self.radius)
-        positive("node.sees.deviation", self.deviation)
+        if not 0.0 <= self.deviation < inf:
+            raise WideberthError(f"node.sees.deviation is {self.deviation}; wanted 0 m or more")
 
 
 @final

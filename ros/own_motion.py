@@ -87,7 +87,7 @@ class OwnMotion:
         if self.newest is None or self._epoch is None:
             return float("nan")
         stamp = self.newest.decoded.stamp
-        return 1e-9 * (stamp - self._epoch) if stamp else self.newest.time
+        return (stamp - self._epoch) / 1e9 if stamp else self.newest.time
 
     def instant(self, received: ReceivedMessage, length: float = 0.0) -> float:
         """Return the instant to which the content of a message belongs, s.
