@@ -24,7 +24,7 @@ from ...framework.values.plan import Plan
 from ..controllers.local_controller import Answer
 from ..controllers.local_controllers import VelocityLimits
 from ..costmap.footprint import RobotFootprint
-from ..costmap.forecast_layer import ForecastLayer
+from ..costmap.forecast_layer import ForecastLayer, ShownForecast
 from ..costmap.local_costmap import CostmapSurroundings, LayeredCostmap, discs_of
 from ..costmap.rays import Rays
 from .params_file import read_params_file
@@ -265,10 +265,18 @@ class Nav2(Controller):
         elif not view.exact:
             here = self._pose(observation)[:2]
             rays = Rays.cast(here, centres, radii, observation.polygons, view.laser_range)
-        people = None
-        if self.forecasts is not None and self._people is not None:
-            people = self.forecasts.shown(self._people, observation.stamp)
+        people = self._expected(observation.stamp)
         return CostmapSurroundings(rays, centres, radii, observation.polygons, people)
+
+    def _expected(self, now: float) -> ShownForecast | None:
+        """Return the forecast of people; without one the costmap shows what rays show."""
+        if self.forecasts is None or self._people is None:
+            return None
+        try:
+            return self.forecasts.shown(self._people, now)
+        except Exception as error:  # whatever a plug-in throws
+            WARNINGS.warn(type(self).__name__, "forecast", f"{type(error).__name__}: {error}")
+            return None
 
     def _pose(self, observation: Observation) -> Array:
         pose = self.robot.pose(tuple(float(value) for value in observation.state))

@@ -17,6 +17,7 @@ from wideberth.nav2.server.navigator import Nav2
 from wideberth.predictors import Kalman
 from wideberth.robots import Unicycle
 from wideberth.routes import NavFn
+from wideberth.tests.nav2.test_people_forecasts import Broken
 
 LAYER = ForecastLayer(Kalman(acceleration_density=1e-3), ForecastCells(2.0, 0.1))
 VELOCITY = np.array([0.8, 0.0])
@@ -83,3 +84,14 @@ def test_a_reset_forgets_people(shows: str) -> None:
     nav2.reset()
     nav2.command(Observation(1.0, np.zeros(5)))
     assert nav2.costmap is not None and not nav2.costmap.cells.any()
+
+
+def test_a_predictor_that_raises_leaves_what_rays_show(caplog: pytest.LogCaptureFixture) -> None:
+    view = CostmapView(width=8.0, height=8.0, obstacle_max_range=5.0, raytrace_max_range=6.0)
+    plain = Nav2(Unicycle(radius=0.2))
+    plain = replace(plain, settings=replace(plain.settings, view=view))
+    broken = replace(plain, forecasts=ForecastLayer(Broken()))
+    shown = driven(broken, 1.0)
+    broken.remember(passing(1.2))
+    assert "forecast: ValueError: broken" in caplog.text
+    assert np.array_equal(shown.cells, driven(plain, 1.0).cells)
