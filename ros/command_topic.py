@@ -22,19 +22,20 @@ class CommandTopic:
         self.problem: str = ""
         """Why no robot takes the velocities; "" where one does."""
         self._link, self._topic, self._stamped = link, topic, stamped
-        self._publishers: dict[str, Publisher] = {}
+        self._publisher: Publisher | None = None
         self._kind = ""
         self.agree()
 
     def agree(self) -> None:
         """Find out who listens, and send what they take."""
         taken = self._link.listeners(self._topic) & {STAMPED, PLAIN}
+        kind = self._kind
         if self._stamped is not None:
-            self._kind = STAMPED if self._stamped else PLAIN
+            kind = STAMPED if self._stamped else PLAIN
         elif taken:
-            self._kind = STAMPED if STAMPED in taken else PLAIN
-        if self._kind and self._kind not in self._publishers:
-            self._publishers[self._kind] = self._link.publisher(self._topic, self._kind)
+            kind = STAMPED if STAMPED in taken else PLAIN
+        if kind != self._kind:
+            self._publisher, self._kind = self._link.publisher(self._topic, kind), kind
         self.problem = ""
         if not taken:
             self.problem = f"{self._topic} has no subscriber"
@@ -48,6 +49,5 @@ class CommandTopic:
 
     def send(self, message: Any) -> None:
         """Send a velocity, stated as `TwistStamped`."""
-        if self._kind:
-            sent = message if self._kind == STAMPED else message.twist
-            self._publishers[self._kind].send(sent)
+        if self._publisher is not None:
+            self._publisher.send(message if self._kind == STAMPED else message.twist)

@@ -42,7 +42,7 @@ class Transport(Protocol):
     known: MessageTypes
 
     def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Publisher:
-        """Return a publisher.
+        """Return a publisher; it takes the place of the topic's earlier one.
 
         Parameters
         ----------
@@ -166,11 +166,15 @@ class RosLink:
         self.known: MessageTypes = RosMessages()
         self._node = node
         self._made: list[tuple[Callable[[Any], Any], Any]] = []
+        self._publishers: dict[str, Any] = {}
 
     def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Publisher:
         """Return a publisher, see `Transport.publisher`."""
         quality = _quality(True, kept, 1 if kept else QUEUE)
+        if topic in self._publishers:  # a process of Fast DDS knows one type a topic
+            self._node.destroy_publisher(self._publishers[topic])
         made = self._node.create_publisher(message_class(kind), topic, quality)
+        self._publishers[topic] = made
         self._made.append((self._node.destroy_publisher, made))
         return _RosPublisher(made)
 

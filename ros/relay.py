@@ -75,6 +75,9 @@ class Relay:
         if kind is None:
             return self.put({"lacks": head["kind"]})
         quality = self.quality(True, head["kept"])
+        for key in [key for key in self.publishers if key[0] == head["topic"]]:
+            self.node.destroy_publisher(self.publishers.pop(key))
+            self.last.pop(key, None)
         made = self.node.create_publisher(kind, head["topic"], quality)
         self.publishers[head["topic"], head["kind"]] = made
         self.watched.add(head["topic"])

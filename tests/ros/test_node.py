@@ -474,6 +474,17 @@ def test_a_robot_that_comes_later_is_sent_its_kind() -> None:
     assert loop.network.wires["/cmd_vel"].gone[-1].linear.x > 0.0
 
 
+def test_a_robot_that_comes_again_and_takes_another_kind_is_sent_that() -> None:
+    loop = Loop(listened=frozenset({PLAIN}))
+    loop.path()
+    for kind in (PLAIN, STAMPED, PLAIN):
+        loop.network.listened = frozenset({kind})
+        for _ in range(15):
+            loop.turn(quiet=True)
+        wire = loop.network.wires["/cmd_vel"]
+        assert wire.kind == kind and wire.gone
+
+
 def test_an_inactive_node_brakes_to_a_stand_and_is_silent_then() -> None:
     loop = Loop()
     loop.path()
