@@ -66,7 +66,8 @@ class Robot:
         self.velocity = (0.0, 0.0)
         self.commands, self.came, self.gap = 0, math.nan, 0.0
         self.stamp = math.nan
-        self.status, self.action, self.feedback = "", "", math.nan
+        self.status, self.said, self.feedback = "", 0, math.nan
+        self.ends: list[str] = []
         self.shown, self.goal = True, None
         self.out = open(options.trace, "w")  # closed with the process
         self.orders: queue.Queue[str] = queue.Queue()
@@ -101,7 +102,7 @@ class Robot:
         self.velocity = (message.linear.x, message.angular.z)
 
     def _diagnosed(self, message: Any) -> None:
-        self.status = message.status[0].message
+        self.status, self.said = message.status[0].message, self.said + 1
 
     def step(self) -> None:
         """Move on by one step, and show it."""
@@ -153,19 +154,19 @@ class Robot:
         """Send a goal of FollowPath, and note what becomes of it."""
 
         def ended(future: Any) -> None:
-            state = ENDS[future.result().status]
-            self.action = f"{state} {future.result().result.error_code}"
+            found = future.result()
+            self.ends.append(f"{ENDS[found.status]} {found.result.error_code}")
 
         def accepted(future: Any) -> None:
             self.goal = future.result()
-            self.action = "accepted" if self.goal.accepted else "rejected"
             if self.goal.accepted:
                 self.goal.get_result_async().add_done_callback(ended)
+            else:
+                self.ends.append("rejected")
 
         def fed(message: Any) -> None:
             self.feedback = message.feedback.distance_to_goal
 
-        self.action = "sent"
         self.client.send_goal_async(FollowPath.Goal(path=path), fed).add_done_callback(accepted)
 
     def _fix(self) -> None:
@@ -195,11 +196,10 @@ class Robot:
     def places(self) -> tuple[np.ndarray, np.ndarray]:
         """Return where people are, (N, 2) m, and their velocities: to and fro across the way."""
         number = np.arange(self.options.people)
-        way = 0.5 * STEP * self.steps + 1.7 * number
-        fold = way % 8.0
-        there = fold < 4.0
-        y = np.where(there, fold, 8.0 - fold) - 2.0
-        x = 1.5 + 1.2 * number
+        fold = (0.5 * STEP * self.steps + 3.7 * number) % 12.0
+        there = fold < 6.0
+        y = np.where(there, fold, 12.0 - fold) - 3.0
+        x = 2.0 + 2.5 * number
         return np.stack([x, y], -1), np.stack([0.0 * x, np.where(there, 0.5, -0.5)], -1)
 
     def _sense(self) -> None:
@@ -239,8 +239,8 @@ class Robot:
             "x": self.pose[0], "y": self.pose[1], "yaw": self.pose[2],
             "speed": self.velocity[0], "rate": self.velocity[1],
             "commands": self.commands, "gap": self.gap, "came": self.came, "stamp": self.stamp,
-            "clearance": float(away.min()) - 2 * RADIUS, "status": self.status,
-            "action": self.action, "feedback": self.feedback,
+            "clearance": float(away.min()) - 2 * RADIUS, "status": self.status, "said": self.said,
+            "ends": self.ends, "feedback": self.feedback,
         }  # fmt: skip
         self.out.write(json.dumps(row) + "\n")
         self.out.flush()

@@ -60,6 +60,13 @@ class Process:
         """Wait for its end; return its exit status."""
         return self.child.wait(seconds)
 
+    def prints(self, text: str, seconds: float = PATIENCE) -> None:
+        """Wait until it has printed a text."""
+        end = time.monotonic() + seconds
+        while text not in self.text():
+            assert self.child.poll() is None and time.monotonic() < end, self.text()
+            time.sleep(0.02)
+
     def text(self) -> str:
         """Return what it printed."""
         return self.log.read_text(encoding="utf-8", errors="replace")
@@ -70,24 +77,38 @@ class Robot(Process):
     """The robot of rclpy_robot.py; `rows` is what it noted, a row each 0.05 s."""
 
     trace: Path
+    seen: list[dict[str, Any]] = field(default_factory=list)
+    size: int = 0
+    """Bytes of the trace that were read."""
 
     def rows(self) -> list[dict[str, Any]]:
         """Return all that was noted so far."""
-        text = self.trace.read_text(encoding="utf-8") if self.trace.is_file() else ""
-        return [json.loads(line) for line in text.splitlines(keepends=True) if line[-1] == "\n"]
+        if self.trace.is_file():
+            with self.trace.open("rb") as file:
+                file.seek(self.size)
+                whole, newline, _ = file.read().rpartition(b"\n")
+            self.size += len(whole + newline)
+            self.seen += map(json.loads, whole.splitlines())
+        return self.seen
 
     def until(
-        self, wanted: Callable[[dict[str, Any]], bool], seconds: float = PATIENCE, what: str = ""
+        self, wanted: Callable[[dict[str, Any]], bool], seconds: float = PATIENCE
     ) -> dict[str, Any]:
         """Wait for a row from now on that is wanted; return it."""
-        begin, end = len(self.rows()), time.monotonic() + seconds
+        place, end = len(self.rows()), time.monotonic() + seconds
         while time.monotonic() < end:
-            for row in self.rows()[begin:]:
+            for row in self.rows()[place:]:
+                place += 1
                 if wanted(row):
                     return row
             assert self.child.poll() is None, self.text()
             time.sleep(0.02)
-        raise AssertionError(f"{what or 'it'} did not come; the last was {self.rows()[-1:]}")
+        raise AssertionError(f"not within {seconds:g} s; the last was {self.rows()[-1:]}")
+
+    def says(self, status: str, seconds: float = PATIENCE) -> dict[str, Any]:
+        """Wait for diagnostics from now on that hold a text; return the row."""
+        said = self.rows()[-1]["said"] if self.rows() else 0
+        return self.until(lambda row: row["said"] > said and status in row["status"], seconds)
 
 
 @dataclass
@@ -104,7 +125,7 @@ class Network:
     def start(self, *arguments: object, name: str, **environment: str) -> Process:
         """Start the Python of the distribution; ``name`` is that of the log."""
         log = self.folder / f"{name}-{len(self.started)}.log"
-        inside = ["nsenter", "-t", str(self.keeper), "-U", "-n", "--preserve-credentials"]
+        inside = ["nsenter", "-t", str(self.keeper), "-U", "-n", "-m", "--preserve-credentials"]
         command = [str(one) for one in (python_of(self.distribution), *arguments)]
         with log.open("w") as out:
             child = subprocess.Popen(
@@ -142,11 +163,12 @@ class Network:
             process.child.wait()
             if process.child.stdin is not None:
                 process.child.stdin.close()
+            print(f"--- {process.log.name}\n{process.text()[-3000:]}")
 
     def _environment(self) -> dict[str, str]:
         return os.environ | {
             "ROS_DOMAIN_ID": str(self.domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET" if self.keeper else "LOCALHOST",
             "ROS_LOG_DIR": str(self.folder / "log"),
             "PYTHONUNBUFFERED": "1",
         }
@@ -156,9 +178,14 @@ def keeper() -> subprocess.Popen[str] | None:
     """Start a process that holds a network of its own; None where the kernel lets us not."""
     if sys.platform != "linux" or not all(map(shutil.which, ("unshare", "nsenter", "ip"))):
         return None
-    script = "ip link set lo up && echo up && exec sleep 3600"
+    # With multicast: by single addresses Fast DDS finds no more than some thirty participants. It
+    # also passes messages by shared memory, whose names are those of ports.
+    script = (
+        "mount -t tmpfs tmpfs /dev/shm && ip link set lo up multicast on && "
+        "ip route add 224.0.0.0/4 dev lo && echo up && exec sleep 3600"
+    )
     child = subprocess.Popen(
-        ["unshare", "-rn", "sh", "-c", script], stdout=subprocess.PIPE,
+        ["unshare", "-rnm", "sh", "-c", script], stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL, text=True, start_new_session=True,
     )  # fmt: skip
     assert child.stdout is not None

@@ -1,0 +1,103 @@
+"""A real node drives a real robot to goals among people who move."""
+
+import json
+import math
+import signal
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from wideberth.tests.helpers.ros_processes import ROOT, Network, Process, Robot
+
+HERE = ROOT / "tests/ros/real"
+GOALS = ("--set", "node.follows={type: goal, topic: /goal_pose}")
+NEAR, TURNED = 0.25, 0.25
+"""m and rad, of a robot that has arrived."""
+BRAKING = 1.0
+"""m/s^2; what the robot can do."""
+
+
+@pytest.fixture
+def drive(network: Network) -> Iterator[tuple[Robot, Process]]:
+    """A robot among two people who cross its way, and a node that waits for a goal."""
+    crowd = network.start(HERE / "crowd_peer.py", 20, name="crowd")
+    robot = network.robot("--people", 2)
+    node = network.node(ROOT / "examples/node.yaml", *GOALS)
+    robot.says("waiting for a goal")
+    yield robot, node
+    assert crowd.child.poll() is None
+
+
+def near(row: dict[str, Any], x: float, y: float, yaw: float) -> bool:
+    """Whether the robot stands at a goal."""
+    away = ((row["x"] - x) ** 2 + (row["y"] - y) ** 2) ** 0.5
+    stands = bool(row["speed"] == row["rate"] == 0.0)
+    return stands and away <= NEAR and abs(math.remainder(row["yaw"] - yaw, math.tau)) <= TURNED
+
+
+def test_goals_a_new_goal_no_sight_and_an_end(
+    network: Network, drive: tuple[Robot, Process]
+) -> None:
+    """A drive among 22 participants: two goals, people unseen for a while, SIGINT on the way."""
+    robot, node = drive
+    looker = network.start(HERE / "graph_peer.py", name="looker")
+    assert looker.ended() == 0, looker.text()
+    looks_right(json.loads(looker.text().splitlines()[-1]))
+
+    robot.say("goal 3.3 2 0")
+    robot.until(lambda row: row["speed"] > 0.3)
+    robot.say("goal 3.3 -0.5 0")  # takes the place of the first
+    unseen = robot.until(lambda row: row["x"] > 1.0)
+    robot.say("silent")
+    stood = robot.until(lambda row: row["speed"] == 0.0)
+    assert stood["time"] - unseen["time"] < 0.5 + unseen["speed"] / BRAKING + 1.0
+    robot.says("obstacles are silent")
+    robot.say("seen")
+    robot.until(lambda row: row["speed"] > 0.1)
+    robot.until(lambda row: near(row, 3.3, -0.5, 0.0))
+    assert min(row["clearance"] for row in robot.rows() if row["speed"]) > 0.0
+
+    robot.say("goal 0 0 0")
+    robot.until(lambda row: abs(row["speed"]) > 0.3)
+    node.signal(signal.SIGINT)
+    ends_in_a_stand(robot, node)
+
+
+def ends_in_a_stand(robot: Robot, node: Process) -> None:
+    """The node ends well; its last velocities go down to zero as the robot can brake."""
+    begin = robot.rows()[-1]
+    assert node.ended() == 0, node.text()
+    last = robot.until(lambda row: True)
+    ramp = [row for row in robot.rows() if row["wall"] >= begin["wall"]]
+    assert last["speed"] == last["rate"] == 0.0, ramp
+    speeds = [abs(row["speed"]) for row in ramp]
+    assert all(after <= before + 1e-9 for before, after in pairwise(speeds[4:])), speeds
+    assert "Traceback" not in node.text()
+
+
+def looks_right(found: dict[str, Any]) -> None:
+    """What the command line of ROS 2 would show of the node."""
+    assert found["patience"] == [0.5, 0.75]
+    assert found["changed"] == found["back"] == [True, ""]
+    assert found["refused"] == [False, "node.patience is -1; wanted a finite number above 0"]
+    assert found["fixed"] == [False, "clean the node up first: rate is in use"]
+    assert {"odometry", "rate", "sees.topic", "follows.tolerance", "use_sim_time"} <= set(
+        found["names"]
+    )
+    assert [text.partition(",")[0] for text in found["described"]] == ["s", "Hz"]
+    assert found["state"] == "active"
+    assert set(found["ways"]) == {"deactivate", "shutdown"}
+    assert found["actions"] == {
+        "/follow_path": ["nav2_msgs/action/FollowPath"],
+        "/navigate_to_pose": ["nav2_msgs/action/NavigateToPose"],
+    }
+    publishes, listens = found["publishes"], found["listens"]
+    assert publishes["/cmd_vel"] == ["geometry_msgs/msg/TwistStamped"]
+    assert publishes["/wideberth/plan"] == ["nav_msgs/msg/Path"]
+    assert publishes["/diagnostics"] == ["diagnostic_msgs/msg/DiagnosticArray"]
+    assert listens["/odom"] == ["nav_msgs/msg/Odometry"]
+    assert listens["/obstacles"] == ["nav2_dynamic_msgs/msg/ObstacleArray"]
+    assert listens["/goal_pose"] == ["geometry_msgs/msg/PoseStamped"]
+    assert listens["/tf"] == listens["/tf_static"] == ["tf2_msgs/msg/TFMessage"]
