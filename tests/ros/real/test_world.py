@@ -4,7 +4,6 @@ import json
 import signal
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 
