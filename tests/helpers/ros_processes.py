@@ -137,17 +137,22 @@ class Network:
         self.started.append(process)
         return process
 
-    def robot(self, *arguments: object, **environment: str) -> Robot:
-        """Start the robot; its arguments are those of rclpy_robot.py."""
-        trace = self.folder / f"robot-{len(self.started)}.jsonl"
+    def messages(self) -> dict[str, str]:
+        """Return the environment in which the compiled messages are found, as if sourced."""
         folders = overlay(self.distribution)
-        paths = {
+        return {
             "PYTHONPATH": os.pathsep.join(folders),
             "LD_LIBRARY_PATH": os.pathsep.join(
                 str(place) for folder in folders for place in Path(folder).iterdir()
             ),
         }
-        process = self.start(ROBOT, trace, *arguments, name="robot", **paths, **environment)
+
+    def robot(self, *arguments: object, **environment: str) -> Robot:
+        """Start the robot; its arguments are those of rclpy_robot.py."""
+        trace = self.folder / f"robot-{len(self.started)}.jsonl"
+        process = self.start(
+            ROBOT, trace, *arguments, name="robot", **self.messages(), **environment
+        )
         return Robot(process.child, process.log, trace)
 
     def node(self, config: Path, *arguments: object, **environment: str) -> Process:
