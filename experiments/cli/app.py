@@ -795,7 +795,7 @@ def world(
         list[str] | None,
         Option(help="COLUMN=VALUE of the table, as in scenario=circle; repeatable."),
     ] = None,
-    seed: Annotated[int | None, Option(help="Of the first episode.")] = None,
+    seed: Annotated[int | None, Option(min=0, help="Of the first episode.")] = None,
     robot: Annotated[str, Option(help="Which robot; the first by default.")] = "",
     rate: Annotated[float, Option(help="Seconds of the episode in one second.")] = 1.0,
     stepped: Annotated[

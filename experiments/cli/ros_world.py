@@ -94,7 +94,7 @@ class RemoteController(Controller):
             self.period = agent.controller.period
         self._lidar = ScanningLidar(run, agent, Lidar()) if settings.lidar else None
         self._scanned, self._seen_people = -np.inf, -np.inf
-        self._due, self._late = time.monotonic(), False
+        self._due, self._late = np.inf, False
         topics.begin()
         topics.outcome = self._so_far
 
@@ -162,7 +162,7 @@ class RemoteController(Controller):
 
     def _pass(self, seconds: float) -> None:
         """Wait until so much of the episode has passed on the wall."""
-        self._due += seconds / self._settings.rate
+        self._due = min(self._due, time.monotonic()) + seconds / self._settings.rate
         if (behind := time.monotonic() - self._due) > LATE:
             self._due += behind
             if not self._late:

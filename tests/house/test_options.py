@@ -37,7 +37,7 @@ REASONS: dict[str, str] = {
         """,
     "frame, message, rate or time of a robot's ROS system": """
         GoalTopic: yaw_tolerance
-        NodeSettings: base_frame patience rate stepped
+        NodeSettings: base_frame patience rate
         ObstacleTopic: deviation kind radius
         PathTopic: tolerance yaw_tolerance
         ScanTopic: deviation handover
