@@ -66,7 +66,8 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     core = ROOT / "solvers/riccati"
     shipped = [*core.glob("*.ll"), *(core / "objects").iterdir()]
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
-    programs = (ROOT / "solvers/export").glob("*/c/*")
+    programs = [*(ROOT / "solvers/export").glob("*/c/*")]
+    programs += (ROOT / "solvers/export/planner/nav2").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in programs}
     templates = [*(ROOT / "experiments/report/templates").iterdir()]
     templates += (ROOT / "solvers/export/templates").glob("*/*")

@@ -39,6 +39,7 @@ needs_compiler = pytest.mark.skipif(
     COMPILER is None or not fits(),
     reason="the planner is compiled and run, and there is no C compiler here, or no object fits",
 )
+CPP = shutil.which("c++")
 CLOSE = 1e-9
 """m/s, rad/s and s."""
 LONG, CLOSE_AFTER = 100, 1e-5
@@ -282,6 +283,70 @@ def test_the_example_drives_past_people(cases: dict[str, Case]) -> None:
     assert done.returncode == 0 and "optimal" in done.stdout
     within = float(done.stdout.split("within ")[1].split()[0])
     assert within > 0.75 + 0.3  # both radii
+
+
+# ---- The controller for Nav2
+
+INCLUDED = (
+    "geometry_msgs/msg/pose_stamped", "geometry_msgs/msg/twist_stamped", "nav2_core/controller",
+    "nav2_core/controller_exceptions", "nav_msgs/msg/path", "pluginlib/class_list_macros",
+    "rclcpp/rclcpp", "rclcpp_lifecycle/lifecycle_node", "nav2_dynamic_msgs/msg/obstacle_array",
+    "costmap_converter_msgs/msg/obstacle_array_msg",
+)  # fmt: skip
+LYRICAL = "nav2_ros_common/lifecycle_node"
+FLAGS = ("WIDEBERTH_NAV2_DYNAMIC_MSGS", "WIDEBERTH_COSTMAP_CONVERTER_MSGS")
+
+
+@needs_compiler
+@pytest.mark.skipif(CPP is None, reason="there is no C++ compiler here")
+@pytest.mark.parametrize(
+    ("headers", "kind"),
+    [(INCLUDED, "nav2_dynamic_msgs"), ((*INCLUDED, LYRICAL), "costmap_converter_msgs")],
+    ids=["jazzy", "lyrical"],
+)
+def test_the_nav2_controller_drives(
+    cases: dict[str, Case], headers: tuple[str, ...], kind: str, tmp_path: Path
+) -> None:
+    """Past a person and a wall, on a path of another frame; with our headers in place of ROS."""
+    helpers, place = REPLAY.parent, cases["recommended"].place
+    for name in headers:
+        stub = tmp_path / f"{name}.hpp"
+        stub.parent.mkdir(parents=True, exist_ok=True)
+        stub.write_text('#include "nav2_stub.hpp"\n')
+    assert cases["recommended"].library
+    words = [f"-D{flag}" for flag in FLAGS] + [f'-DKIND="{kind}"', f"-I{tmp_path}", "-std=c++20"]
+    words += ["-DOF_COSTMAP_CONVERTER"] if kind == "costmap_converter_msgs" else []
+    sources = [place / "wideberth_nav2.cpp", helpers / "nav2_drive.cpp"]
+    call: list[Any] = [
+        CPP,
+        "-O1",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        *words,
+        f"-I{place}",
+        f"-I{helpers}",
+    ]
+    program = tmp_path / "drive"
+    call += ["-o", program, *sources, place / "planner.so", f"-Wl,-rpath,{place}"]
+    made = subprocess.run(list(map(str, call)), capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stderr
+    done = subprocess.run([program], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    words = ["no path: no path is set", "no obstacles: no obstacles on obstacles of late"]
+    assert lines[:2] == words
+    assert lines[-2].startswith("late: no obstacles") and lines[-1] == "no frame: no transform"
+    time, x, y, speed, turn, px, py = np.array([line.split() for line in lines[2:-2]], float).T
+    assert abs(x[-1] - 10.0) < 0.1 and abs(y[-1]) < 0.1 and abs(speed[-1]) < 0.02
+    assert np.hypot(x - px, y - py).min() > 0.75 + 0.3
+    wall = np.hypot(np.maximum(np.maximum(4.0 - x, x - 5.5), 0), np.maximum(y + 1.0, 0))
+    assert wall.min() > 0.75  # the wall ends 1 m beside the path, from 4 to 5.5 m along it
+    slowed = (time >= 20.0 - 1e-9) & (time < 25.0 - 1e-9)  # 40 % of 0.7 m/s
+    assert np.abs(speed[slowed]).max() == pytest.approx(0.28) and np.abs(speed).max() > 0.4
+    ramp = ~slowed[1:] & ~slowed[:-1]  # within the robot's limits
+    assert np.abs(np.diff(speed))[ramp].max() <= 0.05 * 0.7 + 1e-3
+    assert np.abs(np.diff(turn))[ramp].max() <= 0.05 * 0.1 + 1e-3
 
 
 # ---- What is refused, and what is written

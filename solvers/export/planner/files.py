@@ -21,6 +21,11 @@ SOURCES = (
     "wideberth_planner.c", "planner_tracks.c", "planner_forecast.c", "planner_motion.c",
     "planner_walls.c", "planner_scene.c", "planner_verify.c", "planner_ladder.c",
 )  # fmt: skip
+PACKAGE = (
+    "package.xml", "CMakeLists.txt", "wideberth_nav2.cpp", "wideberth_nav2.xml",
+    "wideberth_nav2.yaml",
+)  # fmt: skip
+"""What makes the folder a ROS 2 package with a controller for Nav2."""
 STATUSES = (
     ("PLANNED", "a plan was made"),
     ("PLAN_NULL", "an argument is NULL"),
@@ -64,13 +69,15 @@ def bundle(one: ExportedPlanner) -> dict[str, str | bytes]:
         "wideberth_solver.c": source("wideberth_solver.c"),
         ARCHIVE: one.solver.native.archive(),
         "loop.c": _code("loop.c"),
+        **{name: _code(name, "nav2") for name in PACKAGE},
         "Makefile": rendered("planner/Makefile", sources=SOURCES),
     }
     return {**found, MANIFEST: _manifest(one, [*found])}
 
 
-def _code(name: str) -> str:
-    return resources(__name__.rpartition(".")[0]).joinpath("c", name).read_text(encoding="utf-8")
+def _code(name: str, folder: str = "c") -> str:
+    place = resources(__name__.rpartition(".")[0]).joinpath(folder, name)
+    return place.read_text(encoding="utf-8")
 
 
 def _header(one: ExportedPlanner) -> str:
@@ -121,8 +128,8 @@ def _readme(one: ExportedPlanner) -> str:
         stack=stack(one.solver),
         iterations=one.solver.settings.iterations,
         supported=SUPPORTED,
+        period=f"{one.planner.period:g}",
         walls=bool(native.subject.problem.slots[1].count),
-        config=native.subject.config,
     )
 
 

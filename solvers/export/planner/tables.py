@@ -121,7 +121,7 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("SPEED", planner.reference_speed, "m/s"),
         ("RADIUS", body.radius, "m"),
         ("ROOM", body.radius + planner.margin, "m"),
-        ("FASTEST", robot.max_speed if isinstance(robot, SpeedLimited) else inf, "m/s"),
+        ("FASTEST", _fastest(planner), "m/s"),
         ("FOREVER", FOREVER, "s"),
         ("MINIMUM", -inf if shared is None else shared.minimum, "of a shared level"),
         ("LEVEL_WEIGHT", 0.0 if shared is None else shared.weight, ""),
@@ -172,6 +172,7 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
     numbers: list[Define] = [
         ("PLAN_DT", problem.dt, "s per step"),
         ("PLAN_PERIOD", planner.period, "s between two decisions"),
+        ("PLAN_MAX_SPEED", _fastest(planner), "m/s, of the robot"),
         ("PLAN_TOLERANCE", TOLERANCE, "of the verification"),
         ("PLAN_SMALLEST", SMALLEST, "m^2, least eigenvalue of a covariance that is judged"),
     ]
@@ -210,6 +211,10 @@ def _of_conformal(one: ExportedPlanner) -> list[str]:
         _array("CONFORMAL_SPEEDS", conformal.speeds or [inf]),
         _array("CONFORMAL_START", start),
     ]
+
+
+def _fastest(planner: PlannerSettings) -> float:
+    return planner.robot.max_speed if isinstance(planner.robot, SpeedLimited) else inf
 
 
 def _results(exact: Any, name: str) -> int:

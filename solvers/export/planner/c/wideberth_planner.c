@@ -101,6 +101,20 @@ int wideberth_planner_set_path(wideberth_planner *planner, const double (*points
     return WIDEBERTH_PLANNED;
 }
 
+int wideberth_planner_move_path(wideberth_planner *planner, const double (*points)[2], int count)
+{
+    double last, where[2];
+    int begun, status;
+    if (!planner || !points) return WIDEBERTH_PLAN_NULL;
+    begun = planner->path.begun, last = planner->path.last;
+    memcpy(where, planner->path.where, sizeof(where));
+    status = wideberth_planner_set_path(planner, points, count);
+    if (status) return status;
+    planner->path.begun = begun, planner->path.last = last;
+    memcpy(planner->path.where, where, sizeof(where));
+    return WIDEBERTH_PLANNED;
+}
+
 /* ---- Emergencies */
 
 static void explained(wideberth_decision *decision)

@@ -13,6 +13,7 @@
 #ifndef WIDEBERTH_PLANNER_H
 #define WIDEBERTH_PLANNER_H
 
+#include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -103,6 +104,9 @@ int wideberth_planner_begin_as(void *memory, size_t size, uint64_t build,
 /* Follow this path from now on; what is known of obstacles is kept. The points are copied; those
  * that repeat the one before are left out. */
 int wideberth_planner_set_path(wideberth_planner *planner, const double (*points)[2], int count);
+
+/* The same path in another frame, as many points: how far the robot has come is kept. */
+int wideberth_planner_move_path(wideberth_planner *planner, const double (*points)[2], int count);
 
 /* Take note of what is seen without deciding anything. */
 int wideberth_planner_remember(wideberth_planner *planner, const wideberth_observation *seen);
