@@ -141,8 +141,8 @@ def understood(words: list[str]) -> None:
     elif words[0].startswith(("python", ".")) and words[-1].endswith((".py", "/run")):
         assert (ROOT / words[-1]).is_file(), words
     else:
-        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc", "source")
-        assert words[0].startswith(known), f"{words[0]}: check it here"
+        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc", "source", "python3 -m")
+        assert " ".join(words).startswith(known), f"{words[0]}: check it here"
 
 
 def wideberth(words: list[str]) -> None:
