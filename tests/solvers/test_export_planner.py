@@ -68,7 +68,7 @@ DRIVES: dict[str, tuple[dict[str, Any], list[tuple[Scene, int, int]]]] = {
         {},
         [
             (Scene(people=5, walls=6, late=True), 0, 35),
-            (Scene(people=8, close=True, odd=0.1, events=EVENTS), 1, 35),
+            (Scene(people=8, close=True, odd=0.1, events=EVENTS), 5, 35),
             (Scene(people=25, walls=3), 2, 25),
             (Scene(people=1), 3, 15),
         ],

@@ -83,7 +83,13 @@ static void run(struct wideberth_planner *planner, const struct point *guess, in
     more->within = others ? SAME_PLAN * PLAN_RADIUS : 0.0;
     more->iterations = WIDEBERTH_ITERATIONS;
     if (others) more->iterations = fmin(more->iterations, floor(patience(others)));
-    wideberth_solve_more(problem, more, scratch->memory, sizeof(scratch->memory), &scratch->result);
+    if (!wideberth_solve_more(problem, more, scratch->memory, sizeof(scratch->memory),
+            &scratch->result))
+        return;
+    memset(&scratch->result, 0, sizeof(scratch->result)); /* it did not even begin */
+    memcpy(scratch->result.states, guess->states, sizeof(guess->states));
+    memcpy(scratch->result.inputs, guess->inputs, sizeof(guess->inputs));
+    more->outcome = scratch->result.status = WIDEBERTH_FAILED;
 }
 
 static int failed(const wideberth_more *more, const wideberth_result *result)

@@ -177,7 +177,8 @@ static void travelled(const double *start, double *travel)
     for (i = 0; i < N; i++) travel[i] = surplus + each * (i + 1);
 }
 
-static void put(struct instance *instance, const struct track *track, const double (*mean)[2],
+/* Give an obstacle the next slot; returns 0 where its numbers are none that a solver takes. */
+static int put(struct instance *instance, const struct track *track, const double (*mean)[2],
     const double (*covariance)[4])
 {
     const int slot = instance->obstacles++;
@@ -185,8 +186,9 @@ static void put(struct instance *instance, const struct track *track, const doub
     memcpy(instance->names[slot], track->name, WIDEBERTH_NAME);
     for (i = 0; i < N; i++) memcpy(instance->means[i][slot], mean[i], 2 * sizeof(double));
     instance->radii[slot] = track->radius;
-    wideberth_set(&instance->problem, WIDEBERTH_KIND_OBSTACLE, slot, mean, covariance,
-        fmin(track->radius, WIDE));
+    return wideberth_set(&instance->problem, WIDEBERTH_KIND_OBSTACLE, slot, mean, covariance,
+               fmin(track->radius, WIDE))
+        == WIDEBERTH_NO_ERROR;
 }
 
 static void choose_obstacles(struct wideberth_planner *planner, const double *here,
@@ -222,8 +224,9 @@ static void choose_obstacles(struct wideberth_planner *planner, const double *he
             instance->left_out++;
             continue;
         }
-        put(instance, &tracks->of[near[k]], (const double (*)[2])scratch->place[near[k]],
-            (const double (*)[4])scratch->spread[near[k]]);
+        if (!put(instance, &tracks->of[near[k]], (const double (*)[2])scratch->place[near[k]],
+                (const double (*)[4])scratch->spread[near[k]]))
+            planner->history.placeless++; /* nothing is known of it: the robot stops */
     }
 }
 

@@ -14,20 +14,22 @@
 #define FORGIVEN 1e-9    /* share of the largest entry that is rounding in a covariance */
 #define VAGUEST 1e6      /* m, largest deviation of a measurement */
 
-/* Whether four numbers are a covariance; its asymmetry is averaged out. */
+/* Whether four numbers are a covariance, which is then `found`; its asymmetry is averaged out. */
 static int covariance_of(const double *given, double *found)
 {
-    double largest = 0.0, values[2], vectors[4];
+    double symmetric[4], largest = 0.0, values[2], vectors[4];
     int k;
     for (k = 0; k < 4; k++) {
         if (!(fabs(given[k]) <= VAGUEST * VAGUEST)) return 0;
         largest = fmax(largest, fabs(given[k]));
     }
     if (fabs(0.5 * given[1] - 0.5 * given[2]) > 0.5 * FORGIVEN * largest) return 0;
-    memcpy(found, given, 4 * sizeof(double));
-    found[1] = found[2] = given[1] == given[2] ? given[1] : 0.5 * given[1] + 0.5 * given[2];
-    wb_axes(found, values, vectors);
-    return values[1] >= -FORGIVEN * largest;
+    memcpy(symmetric, given, sizeof(symmetric));
+    if (given[1] != given[2]) symmetric[1] = symmetric[2] = 0.5 * given[1] + 0.5 * given[2];
+    wb_axes(symmetric, values, vectors);
+    if (!(values[1] >= -FORGIVEN * largest)) return 0;
+    memcpy(found, symmetric, sizeof(symmetric));
+    return 1;
 }
 
 static struct log *known(struct history *history, const char *name)

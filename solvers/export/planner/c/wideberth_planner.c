@@ -59,6 +59,10 @@ int wideberth_planner_begin_as(void *memory, size_t size, uint64_t build,
     made->build = WIDEBERTH_BUILD;
     wideberth_planner_reset(made);
     if (wideberth_begin(&made->instance.problem)) return WIDEBERTH_PLAN_OTHER_BUILD;
+    if (wideberth_solve_more(&made->instance.problem, &made->scratch.more, made->scratch.memory, 0,
+            &made->scratch.result)
+        == WIDEBERTH_OTHER_PROCESSOR) /* in no bytes of memory nothing is solved */
+        return WIDEBERTH_PLAN_OTHER_PROCESSOR;
     *planner = made;
     return WIDEBERTH_PLANNED;
 }
