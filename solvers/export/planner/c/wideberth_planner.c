@@ -265,7 +265,7 @@ static int planned(wideberth_planner *planner, const wideberth_observation *seen
     wb_learn(&planner->learnt, &planner->tracks, &planner->scratch);
     wb_forecast(&planner->learnt, &planner->tracks, seen->stamp, &planner->forecast,
         &planner->scratch);
-    if (planner->has_plan && !isfinite(planner->plan_stamp))
+    if (planner->has_plan && isnan(planner->plan_stamp)) /* it cannot be continued */
         return braked(planner, seen, WIDEBERTH_PLAN_NUMBERS, decision);
     wb_fill(planner, seen, start, arc, first);
     warm = warmed(planner, seen->stamp, first);
