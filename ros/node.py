@@ -13,8 +13,9 @@ import numpy as np
 
 from ..framework.control.command_limits import FAST, attained, turns_on_the_spot, within_reach
 from ..framework.control.end_of_path import Approach, Arrival
-from ..framework.control.velocity_smoother import VelocitySmoother
+from ..framework.control.room_to_stop import RoomToStop
 from ..framework.controller import Controller, avoids_polygons
+from ..framework.mpc.planner.in_time import VelocityInTime
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import Array
@@ -145,11 +146,11 @@ class PlannerNode:
         self._fresh_path = False
         self._ends, self._end = True, SpinGoal("", np.nan)
         """Whether a path ends by itself where the robot reaches its end, and how it faces then."""
-        self._smoother: VelocitySmoother | None = None
+        self._wanted: VelocityInTime | None = None
         self._last: Array | None = None
         self._command: Array | None = None
         self._answered: ReceivedMessage | None = None
-        self._decided = self._sent = self._looked = -np.inf
+        self._decided = self._based = self._sent = self._looked = -np.inf
         self._limit = np.inf
         self._turn: SpinGoal | None = None
         self._room: SpinGoal | None = None
@@ -164,6 +165,7 @@ class PlannerNode:
         self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None
         self._approach = Approach(robot)
+        self._room_to_stop = RoomToStop(robot, settings.patience)
         self._no_route = ""
         self._open_topics(link)
 
@@ -446,10 +448,10 @@ class PlannerNode:
         else:
             self.status = DRIVING
         with self._lock:
-            self._decided = self._clock()
+            self._decided, self._based = self._clock(), seen.stamp
             self._command = np.array([*command.linear, command.omega], dtype=np.float64)
-            if self._smoother is not None:
-                self._smoother = self._smoother.aim(command, self._decided)
+            if self._wanted is not None:
+                self._wanted.aim(command, self._decided, self.controller.plan)
 
     def _check_spin(self, turn: SpinGoal, seen: list[Observation]) -> None:
         """Let a robot turn whose corners sweep over a disc, if nothing blocks that."""
@@ -465,12 +467,12 @@ class PlannerNode:
     def _stand_still(self, turn: SpinGoal, beside: str) -> None:
         """Let the robot stand and turn, see `_aim`, unless something is beside it."""
         self.status = TURNING if np.isfinite(turn.heading) else ARRIVED
-        self._decided = self._clock()
+        self._decided = self._based = self._clock()
         self._room = None if beside else turn
         if beside:
             self.status = NO_ROOM + beside
-        if self._smoother is not None:
-            self._smoother = self._smoother.aim(Command((0.0, 0.0)), self._decided)
+        if self._wanted is not None:
+            self._wanted.aim(Command((0.0, 0.0)), self._decided)
 
     def _find_path(self) -> None:
         """Find the path to the newest goal; a route over a map may take long."""
@@ -543,11 +545,16 @@ class PlannerNode:
             else:
                 self.counts.missed += max(round(periods) - 1, 0)
             self._sent = now
-            old = self._since(self._decided) > self.controller.period + self.settings.patience
-            aim = Twist((0.0, 0.0)) if old or self.waits_for() else self._aim(now)
-            self._last = self._next(self._slowed(aim))
+            aim = Twist((0.0, 0.0)) if self._old or self.waits_for() else self._aim(now)
+            self._last = self._clear(self._next(self._slowed(aim)))
         self._send(self._last)
         return True
+
+    @property
+    def _old(self) -> bool:
+        """Whether the last decision was made too long ago, or of odometry that is too old."""
+        most = self.controller.period + self.settings.patience
+        return self._since(self._decided) > most or self._since(self._based) > 2.0 * most
 
     @property
     def stands(self) -> bool:
@@ -580,9 +587,9 @@ class PlannerNode:
 
             w = sign(e) min(sqrt(a |e|), |e| / (4 P))
         """
-        assert self._smoother is not None and self._last is not None
+        assert self._wanted is not None and self._last is not None
         if self._turn is None:
-            aim = self._smoother.at(now)
+            aim = self._wanted.at(now)
             if self._path is None or self.motion is None:
                 return aim
             x, y, heading = self.motion[0].tolist()
@@ -612,7 +619,7 @@ class PlannerNode:
         velocity = attained(self.robot, still, [own])[0]
         self._last = velocity
         forward, aside, rate = velocity.tolist()
-        self._smoother = VelocitySmoother.at_rest(Twist((forward, aside), rate), now)
+        self._wanted = VelocityInTime(self.robot, Twist((forward, aside), rate), now)
 
     def _slowed(self, aim: Twist) -> Twist:
         """Return a velocity within the limit that was asked for; the curve stays."""
@@ -630,6 +637,19 @@ class PlannerNode:
         state = np.array(self.robot.state_at(pose, Twist((forward, aside), rate)), dtype=float)
         found = attained(self.robot, state, [aim], 1.0 / self.settings.rate)
         return np.asarray(found[0], dtype=np.float64)
+
+    def _clear(self, velocity: Array) -> Array:
+        """Return a velocity from which the robot can stop within what the newest scan shows."""
+        scans, motion = self._obstacles, self.motion
+        if not isinstance(scans, ScanSource) or motion is None or self._own.newest is None:
+            return velocity
+        x, y, heading = motion[0].tolist()
+        forward, aside, rate = velocity.tolist()
+        wanted = Twist((forward, aside), rate)
+        points, instant = scans.points()
+        age = self._own.now + self._since(self._own.newest.time) - instant
+        slowed = self._room_to_stop.allowed(wanted, Pose((x, y), heading), points, age)
+        return velocity if slowed is wanted else self._next(slowed)
 
     def publish_plan(self) -> None:
         """Publish the last plan and what it keeps out of, where a topic has subscribers."""

@@ -18,7 +18,7 @@ from ..framework.values.arrays import LATEST, Array, positive
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Detection
 from ..framework.values.polygon import Polygon
-from ..framework.values.sensing import PlacedScan, Scan, Sightings
+from ..framework.values.sensing import PlacedScan, Scan, Sightings, beams_of
 from ..perception.handover import Batch, Handover
 from ..perception.walls import walls_behind
 from .decoding import OBSTACLES, DecodedMessage, ObstacleMessage, ObstaclesMessage
@@ -287,6 +287,7 @@ class ScanSource:
         self._waiting: list[ReceivedMessage] = []
         self._polygons: tuple[Polygon, ...] = ()
         self._scan: PlacedScan | None = None
+        self._met: tuple[ReceivedMessage | None, Array, float] = None, np.zeros((0, 2)), -np.inf
 
     def receive(self, decoded: DecodedMessage, came: float) -> None:
         """Take a scan; it waits until it is processed."""
@@ -303,25 +304,43 @@ class ScanSource:
         for received in waiting:
             with self._lock:
                 found = self._placed_scan(received)
-            if found is not None:
+                if isinstance(found, str) and self._own.newest is not None:
+                    self._leave_out(found)
+            if not isinstance(found, str):
                 self._conclude(received, *found)
 
-    def _placed_scan(self, received: ReceivedMessage) -> tuple[Scan, Array] | None:
-        """Return a scan on our clock, with the robot's pose of each beam."""
+    def points(self) -> tuple[Array, float]:
+        """Return what the newest scan of known place has met, and when.
+
+        Scans count as they come, before they are processed, which may take long.
+
+        Returns
+        -------
+        points : (N, 2), m, in the frame of the odometry.
+        instant : s, on the clock of the odometry's stamps; -inf where no scan has been placed.
+        """
+        newest = self.newest
+        if newest is not None and newest is not self._met[0]:
+            found = self._placed_scan(newest)
+            if not isinstance(found, str):
+                ends = beams_of(*found).ends
+                instant = float(found[0].times[-1])
+                self._met = newest, ends[np.isfinite(ends).all(axis=1)], instant
+        return self._met[1:]
+
+    def _placed_scan(self, received: ReceivedMessage) -> tuple[Scan, Array] | str:
+        """Return a scan on our clock, with the robot's pose of each beam, or why not."""
         scan, frame = received.decoded.content, received.decoded.frame
         assert isinstance(scan, Scan)
         mount = self._own.mount(frame)
         if mount is None:
-            self._leave_out(f"no motion connects the scan's frame {frame!r} with the robot")
-            return None
-        begin = self._own.instant(received, float(scan.times[-1]) if len(scan.times) else 0.0)
-        if not np.isfinite(begin):
-            return None
-        times = begin + scan.times
+            return f"no motion connects the scan's frame {frame!r} with the robot"
+        if not len(scan.times):
+            return "a scan has no beams"
+        times = self._own.instant(received, float(scan.times[-1])) + scan.times
         poses = self._own.poses(times)
         if not np.isfinite(poses).any() or not (np.abs(times) <= LATEST).all():
-            self._leave_out(UNKNOWN_POSE if len(times) else "a scan has no beams")
-            return None
+            return UNKNOWN_POSE
         deviation = self._settings.deviation
         return replace(scan, times=times, mount=mount, deviation=deviation), poses
 
