@@ -31,8 +31,9 @@ def check_scenario(
     The same seed gives the same cast, and the same generator state the same parts of it; other
     seeds give other situations. Everything is finite, names are unique, all move in the
     same number of dimensions, phases lie in [0, 1), reference speeds are known. At time 0 no
-    agent overlaps another one or a polygon (only bystanders may overlap each other: recordings and
-    random processes do), and no robot's goal lies in a polygon.
+    agent overlaps another one or a polygon, and no robot's goal lies in a polygon. Only bystanders
+    may overlap each other, as recordings and random processes do, and a `ReplayAgent` may be in a
+    polygon: it moves as it did, and nothing stops it.
 
     Parameters
     ----------
@@ -151,13 +152,14 @@ def _check_room(cast: Cast, radius: float, seed: int) -> None:
         *((p.name, p.path.points[0], radius) for p in cast.placements),
         *((p.name, p.path.points[0], p.radius) for p in cast.people),
     ]
-    others = [(b.name, _place(b), b.radius) for b in cast.bystanders]
-    others = [one for one in others if np.isfinite(one[1]).all()]  # the rest come later
+    present = [b for b in cast.bystanders if np.isfinite(_place(b)).all()]  # the rest come later
+    others = [(b.name, _place(b), b.radius) for b in present]
+    stopped = [(b.name, _place(b), b.radius) for b in present if not isinstance(b, ReplayAgent)]
     pairs = [*combinations(deciding, 2), *product(deciding, others)]
     for (one, here, size), (other, there, more) in pairs:
         gap = float(np.hypot(*(here - there))) - size - more
         assert gap >= -CLOSE, f"seed {seed}: {one} and {other} overlap by {-gap:.3g} m at time 0"
-    for name, place, size in deciding + others:
+    for name, place, size in deciding + stopped:
         gap = wall_distance(place, cast.polygons) - size
         assert gap >= -CLOSE, f"seed {seed}: {name} is {-gap:.3g} m deep in a polygon at time 0"
     for placement in cast.placements:

@@ -11,6 +11,7 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot
 from wideberth.framework.testing.laws import Law
 from wideberth.framework.values.path import Path
+from wideberth.simulation.engine.agents import Bystander, ReplayAgent, ScriptedAgent
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.measures.summary import summarise
 from wideberth.simulation.scenarios import BUILT_IN
@@ -44,10 +45,6 @@ EXCEPTIONS = {
         "pedestrian_corridor, both ways",
         "other seeds, other situations",
     ): "its fields fix everything",
-    (
-        "dynabarn",
-        "no overlap at time 0",
-    ): "its obstacles pass through the walls, on which their loops begin and end",
 }
 LAWS = [law.name for law in check_scenario.laws(Overtaking())]
 QUIET = Settings(time_limit=2.0, plant_step=0.1, history=1.0, channel=Channel(noise=0.0))
@@ -96,6 +93,10 @@ class Broken(Scenario):
     names: tuple[str, str] = ("one", "two")
     second: tuple[float, float] = (0.0, 3.0)
     block: tuple[float, float] = (9.0, 9.0)
+    within: tuple[Bystander, ...] = ()
+
+    def bystanders(self, rng: np.random.Generator, placements: tuple[Placement, ...]):
+        return self.within
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         start = np.random.default_rng().random() if self.forgetful else 0.0
@@ -126,6 +127,15 @@ def test_check_finds_what_is_wrong(changes, message) -> None:
     check_scenario(Broken(), robot_radius=0.3, varied=False)
     with pytest.raises(AssertionError, match=message):
         check_scenario(replace(Broken(), **changes), robot_radius=0.3)
+
+
+def test_only_a_recording_may_be_in_a_wall() -> None:
+    places = np.full((2, 2), 9.0)
+    recorded = ReplayAgent("recorded", np.array([-5.0, 5.0]), places, 0.3)
+    check_scenario(Broken(within=(recorded,)), robot_radius=0.3, varied=False)
+    walks = ScriptedAgent("walks", Path(np.array([(9.0, 9.0), (9.0, 5.0)])), 0.5, 0.3)
+    with pytest.raises(AssertionError, match="walks is"):
+        check_scenario(Broken(within=(walks,)), robot_radius=0.3, varied=False)
 
 
 def test_other_fields_change_nothing_that_hangs_on_other_generators() -> None:
