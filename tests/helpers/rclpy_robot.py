@@ -199,7 +199,7 @@ class Robot:
         fold = (0.5 * STEP * self.steps + 3.7 * number) % 12.0
         there = fold < 6.0
         y = np.where(there, fold, 12.0 - fold) - 3.0
-        x = 2.0 + 2.5 * number
+        x = 1.5 + 2.5 * number
         return np.stack([x, y], -1), np.stack([0.0 * x, np.where(there, 0.5, -0.5)], -1)
 
     def _sense(self) -> None:

@@ -11,7 +11,7 @@ from rclpy.action.graph import get_action_names_and_types
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-NAME = "/wideberth"
+NAME, HERE = "/wideberth", ("wideberth", "/")
 
 
 def ask(node: Node, kind: Any, name: str, **fields: Any) -> Any:
@@ -38,7 +38,7 @@ def main() -> None:
     """Look."""
     rclpy.init()
     node = Node("looker")
-    while (NAME[1:], "/") not in node.get_node_names_and_namespaces():
+    while HERE not in node.get_node_names_and_namespaces():
         time.sleep(0.05)
     time.sleep(0.5)
     found: dict[str, Any] = {"patience": [patience(node)]}
@@ -49,13 +49,16 @@ def main() -> None:
     found["names"] = list(ask(node, ListParameters, "list_parameters").result.names)
     described = ask(node, DescribeParameters, "describe_parameters", names=["patience", "rate"])
     found["described"] = [one.description for one in described.descriptors]
-    found["state"] = ask(node, GetState, "get_state").current_state.label
+    while (state := ask(node, GetState, "get_state").current_state.label) != "active":
+        time.sleep(0.1)
+    found["state"] = state
     ways = ask(node, GetAvailableTransitions, "get_available_transitions").available_transitions
     found["ways"] = [one.transition.label for one in ways]
     found["actions"] = dict(get_action_names_and_types(node))
-    for key, get in (("publishes", node.get_publisher_names_and_types_by_node),
-                     ("listens", node.get_subscriber_names_and_types_by_node)):  # fmt: skip
-        found[key] = dict(get(NAME[1:], "/"))
+    while "/cmd_vel" not in (gives := dict(node.get_publisher_names_and_types_by_node(*HERE))):
+        time.sleep(0.1)  # the robot is not found yet
+    found["publishes"] = gives
+    found["listens"] = dict(node.get_subscriber_names_and_types_by_node(*HERE))
     print(json.dumps(found))
 
 

@@ -1,0 +1,37 @@
+"""Goals of Nav2's action FollowPath, in simulated time that is faster or slower than ours."""
+
+import math
+
+import pytest
+
+from wideberth.tests.helpers.ros_processes import ROOT, Network
+
+SIMULATED = ("--ros-args", "-p", "use_sim_time:=true")
+NO_PEOPLE = ("--set", "node.sees=null")
+
+
+@pytest.mark.parametrize("factor", [5.0, pytest.param(0.5, marks=pytest.mark.slow)])
+def test_goals_of_follow_path(network: Network, factor: float) -> None:
+    robot = network.robot("--factor", factor)
+    network.node(ROOT / "examples/node.yaml", *NO_PEOPLE, *SIMULATED)
+    robot.says("waiting for a path")
+
+    robot.say("action 0 0 2 0")
+    arrived = robot.until(lambda row: row["ends"] == ["succeeded 0"], 30.0)
+    assert math.hypot(arrived["x"] - 2.0, arrived["y"]) < 0.25 and arrived["speed"] == 0.0
+    moving = [row for row in robot.rows() if row["speed"] > 0.0]
+    left = [row["feedback"] for row in moving if not math.isnan(row["feedback"])]
+    assert left[0] > 1.5 and left[-1] < 0.5 and left == sorted(left, reverse=True)
+    took = moving[-1]["time"] - moving[0]["time"]
+    assert 4.0 < took < 12.0, "s of simulated time"
+    late = [row["time"] - row["stamp"] for row in moving]
+    assert max(map(abs, late)) < 0.1 + 0.25 * factor, "commands are stamped in simulated time"
+
+    robot.say("action 2 0 6 0")
+    robot.until(lambda row: row["speed"] > 0.2)
+    robot.say("action 2 0 6 1")  # takes the place of the one before
+    robot.until(lambda row: row["ends"][1:] == ["aborted 0"])
+    robot.say("cancel")
+    robot.until(lambda row: row["ends"][2:] == ["canceled 0"])
+    robot.until(lambda row: row["speed"] == 0.0)
+    robot.says("waiting for a path")
