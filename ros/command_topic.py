@@ -49,5 +49,7 @@ class CommandTopic:
 
     def send(self, message: Any) -> None:
         """Send a velocity, stated as `TwistStamped`."""
+        if self._publisher is None:  # a clock that stands would never look again
+            self.agree()
         if self._publisher is not None:
             self._publisher.send(message if self._kind == STAMPED else message.twist)
