@@ -24,7 +24,7 @@ NAME = "world"
 MAP, ODOM, BASE, LASER = "map", "odom", "base_link", "laser"
 """Frames: each is placed in the one before."""
 LOOK = 0.5
-"""s, after which it is looked anew who sends velocities, and who waits for the goal."""
+"""s, after which it is looked anew who sends velocities, and path and goal are sent again."""
 SECOND = 10**9
 """ns."""
 _TRIGGER = "std_srvs/srv/Trigger"
@@ -90,6 +90,7 @@ class SimulatedRobot:
         }
         self._time, self._epoch, self._looked = 0.0, 0, -np.inf
         self._kind, self._goal, self._restart = "", np.zeros(3), False
+        self._aims: dict[str, Any] = {}
         self._listen(STAMPED)
         for name, answer in (("reset", self._answer_reset), ("outcome", self._answer_outcome)):
             node.create_service(message_class(_TRIGGER), f"~/{name}", answer)
@@ -112,8 +113,12 @@ class SimulatedRobot:
         """Show the path (P, 2), whose end is the goal, the map, and where the LiDAR is, (3,)."""
         encoder, ahead = self._encoder(MAP), points[-1] - points[-2]
         self._goal = np.array([*points[-1], atan2(ahead[1], ahead[0])])
+        self._aims = {
+            "reference": encoder.path(self._time, points),
+            "goal": encoder.goal(self._time, self._goal.tolist()),
+        }
         self._to["map"].send(encoder.grid(self._time, grid))
-        self._to["reference"].send(encoder.path(self._time, points))
+        self._looked = -np.inf
         if mount is not None:
             self._to["tf_static"].send(
                 self._encoder(BASE).transform(self._time, LASER, mount.tolist())
@@ -165,13 +170,16 @@ class SimulatedRobot:
             raise Restart
 
     def _look_around(self) -> None:
-        """Listen to the kind of velocities that is sent; send the goal until one has come."""
+        """Listen to the kind of velocities that is sent; send path and goal until one has come.
+
+        Who subscribes without asking for what is kept would not know them otherwise.
+        """
         topic = self._node.resolve_topic_name("/cmd_vel")
         sent = {one.topic_type for one in self._node.get_publishers_info_by_topic(topic)}
         if self._kind not in sent and sent & {PLAIN, STAMPED}:
             self._listen(PLAIN if self._kind == STAMPED else STAMPED)
-        if self.newest is None and self._to["goal"].has_subscribers:
-            self._to["goal"].send(self._encoder(MAP).goal(self._time, self._goal.tolist()))
+        for name, message in self._aims.items() if self.newest is None else ():
+            self._to[name].send(message)
 
     def _listen(self, kind: str) -> None:
         self._orders.close()

@@ -152,7 +152,7 @@ def test_people_have_names_places_and_covariances(network: Any) -> None:
     assert (eve.covariance == spread).all() and adam.covariance is None
 
 
-def test_the_goal_is_sent_until_a_velocity_comes(network: Any) -> None:
+def test_path_and_goal_are_sent_until_a_velocity_comes(network: Any) -> None:
     robot, _, _ = network
     grid = OccupancyGrid(np.array([[0, 100]]), 0.5, (-1.0, 2.0))
     points = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0]])
@@ -166,7 +166,8 @@ def test_the_goal_is_sent_until_a_velocity_comes(network: Any) -> None:
     velocity(STAMPED, 0.5, 7)
     robot.wait(0.0)
     assert len(sent("/goal_pose", "geometry_msgs/msg/PoseStamped")) == 2
-    (path,) = sent("/reference", "nav_msgs/msg/Path")
+    path, again = sent("/reference", "nav_msgs/msg/Path")
+    assert again.stamp == path.stamp == goals[1].stamp, "who knows them already can see that"
     assert isinstance(path.content, PathMessage) and (path.content.points == points).all()
     (shown,) = sent("/map", "nav_msgs/msg/OccupancyGrid")
     assert isinstance(shown.content, OccupancyGrid)
