@@ -39,8 +39,8 @@ class Controller(ABC):
       cautious one, stands in for what is of no use, and a reason says so
       (`wideberth.framework.tracking.stand_ins`). An obstacle that is seen and has no place, not
       even a remembered one, may be anywhere: the robot stops for as long as it is seen. The check
-      asks that of controllers that plan; Nav2's look at nothing but their costmap, in which it is
-      not, and one may be made that looks at no obstacle at all.
+      asks that of controllers that plan; Nav2's do so where they see by detections, and one may be
+      made that looks at no obstacle at all.
     - In contact, where the robot's body touches or overlaps an obstacle, a controller that plans
       stops, or leaves the one in contact no faster than the robot moves already, or than 0.25 m/s:
       it never speeds up towards or past it, see `wideberth.framework.mpc.planner.in_contact`.

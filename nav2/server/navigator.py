@@ -88,7 +88,8 @@ class Nav2(Controller):
     The robot's surroundings are what the observation holds. A `CostmapView` sees them by the rays
     of its scan; where it has none, by rays that are cast against its polygons and its detections,
     which are discs, where they are by now if their velocity is known. An exact view shows all of
-    these polygons and discs instead. Positions are taken as they are measured.
+    these polygons and discs instead. Positions are taken as they are measured. Without a scan the
+    robot brakes while a detection has no place: no costmap shows it.
 
     The headings of a path are its directions: Nav2's own NavFn gives none.
 
@@ -318,8 +319,12 @@ class Nav2(Controller):
         return self._sent
 
     def _decided(self, seen: ServerView, observation: Observation) -> Twist | None:
-        """Return the velocity of the behaviour tree's present branch."""
+        """Return the velocity of the behaviour tree's present branch; none while one is lost."""
         self._answer = None
+        placeless = () if observation.scan is not None else sound(observation, 2).placeless
+        if placeless:
+            self._reason = f"seen without a place: {', '.join(map(repr, placeless[:3]))}"
+            return _STILL
         if self._navigation is Navigation.RECOVERING:
             return self._recover(seen)
         if self._navigation is not Navigation.FOLLOWING:

@@ -285,3 +285,23 @@ def test_a_path_to_the_end_of_the_world_has_no_more_poses_than_memory_holds() ->
     poses = poses_along(path)
     assert len(poses) == MOST_POSES + 1
     np.testing.assert_array_equal(poses[[0, -1]], [(0.0, 0.0, 0.0), (1e9, 0.0, 0.0)])
+
+
+@pytest.mark.parametrize("local", ["dwb", "regulated_pure_pursuit"])
+def test_it_brakes_while_an_obstacle_is_seen_without_a_place(local: str) -> None:
+    """It may be anywhere, and no costmap shows it; once it is gone the robot goes on."""
+    nav2, state = Nav2(ROBOT, settings(local)), (0.0,) * 5
+    nav2.set_path(Path(np.array([(0.0, 0.0), (9.0, 0.0)])))
+    speeds, reasons = [], []
+    for k in range(round(6.0 / nav2.period)):
+        time = k * nav2.period
+        seen = observed(time, state, [(np.nan, 0.0)] if 2.0 <= time < 4.0 else [])
+        command = nav2.command(seen)
+        state = step(ROBOT, state, ROBOT.drive(state, command.twist, nav2.period), nav2.period)
+        speeds.append(state[3])
+        reasons.append(nav2.reason)
+    count = len(speeds) // 6
+    assert speeds[2 * count - 1] > 0.1 and abs(speeds[4 * count - 1]) < 1e-3
+    assert speeds[-1] > 0.1
+    assert reasons[3 * count] == "seen without a place: 'p0'" and reasons[-1] == ""
+    assert np.abs(np.diff(speeds)).max() <= ROBOT.max_acceleration * nav2.period + 1e-6
