@@ -199,7 +199,7 @@ class Robot:
         fold = (0.5 * STEP * self.steps + 3.7 * number) % 12.0
         there = fold < 6.0
         y = np.where(there, fold, 12.0 - fold) - 3.0
-        x = 1.5 + 2.5 * number
+        x = 1.5 + self.options.spacing * number
         return np.stack([x, y], -1), np.stack([0.0 * x, np.where(there, 0.5, -0.5)], -1)
 
     def _sense(self) -> None:
@@ -252,6 +252,7 @@ def main() -> None:
     parser.add_argument("trace")
     parser.add_argument("--command", choices=list(KINDS), default="TwistStamped")
     parser.add_argument("--people", type=int, default=0)
+    parser.add_argument("--spacing", type=float, default=2.5, help="m, between their ways")
     parser.add_argument("--hall", action="store_true", help="scans of a hall instead of people")
     parser.add_argument("--start", type=float, nargs=3, default=(0.0, 0.0, 0.0))
     parser.add_argument("--factor", type=float, help="simulated time, so many times as fast")

@@ -94,3 +94,27 @@ def looks_right(found: dict[str, Any]) -> None:
     assert listens["/obstacles"] == ["nav2_dynamic_msgs/msg/ObstacleArray"]
     assert listens["/goal_pose"] == ["geometry_msgs/msg/PoseStamped"]
     assert listens["/tf"] == listens["/tf_static"] == ["tf2_msgs/msg/TFMessage"]
+
+
+@pytest.mark.slow
+def test_twenty_drives_among_eight(network: Network) -> None:
+    """To and fro, 12.5 m each time; what the node counted is printed."""
+    robot = network.robot("--people", 8, "--spacing", 1.4)
+    node = network.node(ROOT / "examples/node.yaml", *GOALS)
+    robot.says("waiting for a goal")
+    took, stood = [], []
+    for number in range(20):
+        x, yaw = (12.5, 0.0) if number % 2 == 0 else (0.0, math.pi)
+        begin = robot.rows()[-1]["time"]
+        robot.say(f"goal {x} 0 {yaw}")
+        there = robot.until(lambda row, x=x: math.hypot(row["x"] - x, row["y"]) < NEAR, 120.0)
+        end = robot.until(lambda row, x=x, yaw=yaw: near(row, x, 0.0, yaw), 10.0)
+        took.append(end["time"] - begin)
+        stood.append(end["time"] - there["time"])
+    clearance = min(row["clearance"] for row in robot.rows() if row["speed"])
+    node.signal(signal.SIGTERM)
+    ends_in_a_stand(robot, node)
+    print(f"took {min(took):.0f} to {max(took):.0f} s, stood {max(stood):.1f} s after; clearance "
+          f"{clearance:.2f} m; {node.text().splitlines()[-3:]}")  # fmt: skip
+    assert max(stood) < 3.0 + 3.0, "braking, and a turn on the spot to the goal's heading"
+    assert clearance > 0.0

@@ -1,6 +1,10 @@
 """Messages that were compiled, between two processes of a real ROS 2."""
 
 import json
+import signal
+import time
+
+import pytest
 
 from wideberth.ros.messages import messages
 from wideberth.tests.helpers.ros_processes import ROOT, Network
@@ -20,6 +24,10 @@ KINDS = {
     "limit": "nav2_msgs/msg/SpeedLimit",
 }
 
+PROVIDE = (
+    "from wideberth.ros.interfaces import provide; provide(['tf2_msgs']); import tf2_msgs.msg"
+)
+
 
 def test_two_processes_exchange_messages_and_goals(network: Network) -> None:
     giver = network.start(PEER, "give", name="giver")
@@ -33,6 +41,33 @@ def test_two_processes_exchange_messages_and_goals(network: Network) -> None:
     known = messages(network.distribution)
     assert found["hashes"] == {name: known.type_hash(kind) for name, kind in KINDS.items()}
     assert found["actions"] == {name: f"RIHS01_{one}" for name, one in ACTIONS.items()}
-    code = "from wideberth.ros.interfaces import provide; provide(['tf2_msgs', 'nav2_msgs'])"
-    again = network.start("-c", code, name="again")
+    again = network.start("-c", PROVIDE, name="again")
     assert again.ended() == 0 and again.text() == ""
+
+
+def test_without_a_compiler_the_error_names_what_to_install(network: Network) -> None:
+    code = f"import os; os.environ['PATH'] = ''; {PROVIDE}"
+    done = network.start("-c", code, name="bare", WIDEBERTH_CACHE=str(network.folder))
+    assert done.ended() == 1
+    assert (
+        done.text()
+        .splitlines()[-1]
+        .endswith(
+            "WideberthError: tf2_msgs is not installed, and to compile its messages a compiler of C "
+            "and C++, or the headers of Python, is missing; install ros-$ROS_DISTRO-tf2-msgs, or g++ "
+            "and python3-dev"
+        )
+    )
+
+
+@pytest.mark.slow
+def test_a_process_that_is_killed_leaves_no_half_package(network: Network) -> None:
+    first = network.start("-c", PROVIDE, name="first", WIDEBERTH_CACHE=str(network.folder))
+    first.prints("compiling the messages of tf2_msgs (once)")
+    time.sleep(0.3)
+    first.signal(signal.SIGKILL)
+    first.ended()
+    assert not list((network.folder / "ros").glob("tf2_msgs_*"))
+    second = network.start("-c", PROVIDE, name="second", WIDEBERTH_CACHE=str(network.folder))
+    assert second.ended() == 0, second.text()
+    assert len(list((network.folder / "ros").glob("tf2_msgs_*"))) == 1
