@@ -1,4 +1,4 @@
-"""Messages of ROS 2: built, written as CDR, read back, and named by their type hash."""
+"""Messages of recordings of ROS 2: built, written as CDR, read back, named by their type hash."""
 
 from copy import copy
 from functools import cache
