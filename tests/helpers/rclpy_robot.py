@@ -8,6 +8,7 @@ and takes orders on its input, a line each:
     action X Y X Y ...    send the path as a goal of FollowPath
     cancel                cancel that goal
     silent, seen          stop showing people or scans, show them again
+    lost, found           stop showing odometry, show it again
     stop                  end
 """
 
@@ -68,7 +69,7 @@ class Robot:
         self.stamp = math.nan
         self.status, self.said, self.feedback = "", 0, math.nan
         self.ends: list[str] = []
-        self.shown, self.goal = True, None
+        self.shown, self.found, self.goal = True, True, None
         self.out = open(options.trace, "w")  # closed with the process
         self.orders: queue.Queue[str] = queue.Queue()
         self._open(options.command)
@@ -134,6 +135,8 @@ class Robot:
             self.goal.cancel_goal_async()
         elif word in ("silent", "seen"):
             self.shown = word == "seen"
+        elif word in ("lost", "found"):
+            self.found = word == "found"
         else:
             raise SystemExit(0)
 
@@ -190,7 +193,8 @@ class Robot:
         moved = TransformStamped(header=odometry.header, child_frame_id="base_link")
         moved.transform.translation.x, moved.transform.translation.y = x, y
         moved.transform.rotation = odometry.pose.pose.orientation
-        self.odometry.publish(odometry)
+        if self.found:
+            self.odometry.publish(odometry)
         self.tf.publish(TFMessage(transforms=[moved]))
 
     def places(self) -> tuple[np.ndarray, np.ndarray]:

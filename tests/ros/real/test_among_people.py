@@ -99,7 +99,7 @@ def looks_right(found: dict[str, Any]) -> None:
 @pytest.mark.slow
 def test_twenty_drives_among_eight(network: Network) -> None:
     """To and fro, 12.5 m each time; what the node counted is printed."""
-    robot = network.robot("--people", 8, "--spacing", 1.4)
+    robot = network.robot("--people", 8, "--spacing", 2.0)
     node = network.node(ROOT / "examples/node.yaml", *GOALS)
     robot.says("waiting for a goal")
     took, stood = [], []

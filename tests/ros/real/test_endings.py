@@ -59,6 +59,11 @@ def test_failures_signals_and_sudden_deaths(network: Network, config: Path) -> N
     failed = robot.says("the controller failed: 'in a mood'")
     robot.until(lambda row: row["speed"] == 0.0, failed["speed"] + 1.0)
     robot.until(lambda row: row["speed"] > 0.5)
+    robot.say("lost")
+    robot.until(lambda row: row["speed"] == 0.0, 3.0)
+    robot.says("odometry is silent")
+    robot.say("found")
+    robot.until(lambda row: row["speed"] > 0.5)
     node.signal(signal.SIGINT)
     robot.until(lambda row: row["speed"] < 0.5)  # it brakes
     node.signal(signal.SIGINT)

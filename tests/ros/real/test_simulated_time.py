@@ -1,6 +1,7 @@
 """Goals of Nav2's action FollowPath, in simulated time that is faster or slower than ours."""
 
 import math
+import signal
 
 import pytest
 
@@ -13,7 +14,7 @@ NO_PEOPLE = ("--set", "node.sees=null")
 @pytest.mark.parametrize("factor", [5.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_goals_of_follow_path(network: Network, factor: float) -> None:
     robot = network.robot("--factor", factor)
-    network.node(ROOT / "examples/node.yaml", *NO_PEOPLE, *SIMULATED)
+    node = network.node(ROOT / "examples/node.yaml", *NO_PEOPLE, *SIMULATED)
     robot.says("waiting for a path")
 
     robot.say("action 0 0 2 0")
@@ -37,3 +38,12 @@ def test_goals_of_follow_path(network: Network, factor: float) -> None:
     robot.until(lambda row: row["ends"][2:] == ["canceled 0"])
     robot.until(lambda row: row["speed"] == 0.0)
     robot.says("waiting for a path")
+
+    robot.say("action 4 0 8 0")
+    robot.until(lambda row: row["speed"] > 0.2)
+    node.signal(signal.SIGINT)
+    assert node.ended() == 0, node.text()
+    assert "Traceback" not in node.text() and "Error" not in node.text(), node.text()
+    last = robot.until(lambda row: True)
+    assert last["speed"] == last["rate"] == 0.0
+    assert last["ends"][3:] == ["aborted 100"], "UNKNOWN: the planner leaves"
