@@ -91,6 +91,7 @@ class Robot:
     def _read(self) -> None:
         for line in sys.stdin:
             self.orders.put(line.strip())
+        self.orders.put("stop")  # who gave orders has ended
 
     def _command(self, message: Any) -> None:
         now = time.monotonic()

@@ -18,6 +18,8 @@ DISTRIBUTIONS = ("kilted", "jazzy")
 ROBOT = ROOT / "tests" / "helpers" / "rclpy_robot.py"
 PATIENCE = 30.0
 """s, for which something is waited for, unless a test says otherwise."""
+LONGEST = 1800
+"""s, after which a node ends whose test was killed."""
 OVERLAY = (
     "import json, sys\n"
     "before = set(sys.path)\n"
@@ -158,7 +160,8 @@ class Network:
     def node(self, config: Path, *arguments: object, **environment: str) -> Process:
         """Start `wideberth node`."""
         command = python_of(self.distribution).with_name("wideberth")
-        return self.start(command, "node", config, *arguments, name="node", **environment)
+        words = (command, "node", config, "--seconds", LONGEST, *arguments)
+        return self.start(*words, name="node", **environment)
 
     def close(self) -> None:
         """End all that was started."""
@@ -187,16 +190,16 @@ def keeper() -> subprocess.Popen[str] | None:
     # also passes messages by shared memory, whose names are those of ports.
     script = (
         "mount -t tmpfs tmpfs /dev/shm && ip link set lo up multicast on && "
-        "ip route add 224.0.0.0/4 dev lo && echo up && exec sleep 3600"
+        "ip route add 224.0.0.0/4 dev lo && echo up && exec cat"
     )
     child = subprocess.Popen(
-        ["unshare", "-rnm", "sh", "-c", script], stdout=subprocess.PIPE,
+        ["unshare", "-rnm", "sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL, text=True, start_new_session=True,
     )  # fmt: skip
-    assert child.stdout is not None
+    assert child.stdin is not None and child.stdout is not None
     with child.stdout:
         if child.stdout.readline() == "up\n":
             return child
-    child.kill()
+    child.stdin.close()
     child.wait()
     return None

@@ -24,6 +24,6 @@ def network(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Network]
         yield made
     finally:
         made.close()
-        if held is not None:
-            held.kill()
+        if held is not None and held.stdin is not None:
+            held.stdin.close()
             held.wait()

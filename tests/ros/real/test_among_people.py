@@ -98,13 +98,13 @@ def looks_right(found: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 def test_twenty_drives_among_eight(network: Network) -> None:
-    """To and fro, 12.5 m each time; what the node counted is printed."""
-    robot = network.robot("--people", 8, "--spacing", 2.0)
+    """To and fro, 12 m each time; what the node counted is printed."""
+    robot = network.robot("--people", 8, "--spacing", 3.0)
     node = network.node(ROOT / "examples/node.yaml", *GOALS)
     robot.says("waiting for a goal")
     took, stood = [], []
     for number in range(20):
-        x, yaw = (12.5, 0.0) if number % 2 == 0 else (0.0, math.pi)
+        x, yaw = (12.0, 0.0) if number % 2 == 0 else (0.0, math.pi)
         begin = robot.rows()[-1]["time"]
         robot.say(f"goal {x} 0 {yaw}")
         there = robot.until(lambda row, x=x: math.hypot(row["x"] - x, row["y"]) < NEAR, 120.0)
