@@ -15,13 +15,6 @@ import threading
 import time
 from typing import Any, BinaryIO
 
-import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message, serialize_message
-from rclpy.signals import SignalHandlerOptions
-
 VELOCITIES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
 """Types of which a last message of zero is sent."""
 LOOK = 0.5
@@ -118,6 +111,8 @@ class Relay:
 
     def stop(self) -> None:
         """Send a velocity of zero where the last one was not."""
+        from rclpy.serialization import deserialize_message, serialize_message
+
         for (topic, kind), data in self.last.items():
             if kind in VELOCITIES:
                 message = deserialize_message(data, message_class(kind))
@@ -129,15 +124,22 @@ class Relay:
     @staticmethod
     def quality(reliable: bool, kept: bool) -> Any:
         """Return the quality of service of a topic."""
+        from rclpy.qos import DurabilityPolicy as Durability
+        from rclpy.qos import QoSProfile
+        from rclpy.qos import ReliabilityPolicy as Reliability
+
         return QoSProfile(
             depth=10,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+            reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
+            durability=Durability.TRANSIENT_LOCAL if kept else Durability.VOLATILE,
         )
 
 
 def spin(executor: Any) -> None:
     """Take messages until ROS is shut down."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
     while rclpy.ok():
         try:
             executor.spin_once(timeout_sec=0.5)
@@ -147,10 +149,14 @@ def spin(executor: Any) -> None:
 
 def main() -> None:
     """Relay until the input ends."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
     sink = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what ROS prints is no frame
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    node = Node("wideberth")
+    node = rclpy.create_node("wideberth")
     relay = Relay(node, sys.stdin.buffer, sink)
     relay.put({"distribution": os.environ.get("ROS_DISTRO", "")})
     executor = SingleThreadedExecutor()

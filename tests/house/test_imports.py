@@ -25,8 +25,6 @@ HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
     "numba", "mujoco", "rosbags", "rclpy",
 }  # fmt: skip
-RELAY = ROOT / "ros" / "relay.py"
-"""A program of its own, which another Python runs."""
 COMPILED = ROOT / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a
 function calls is compiled into it once more, so that a tree of small ones takes minutes."""
@@ -258,7 +256,7 @@ def test_heavy_libraries_are_imported_late(room: str) -> None:
         f"{path.relative_to(ROOT)} imports {module}"
         for path in files_of(room)
         for module in imported_at_once(path)
-        if module in HEAVY and (path, module) not in ((COMPILED, "numba"), (RELAY, "rclpy"))
+        if module in HEAVY and not (path == COMPILED and module == "numba")
     ]
     assert not wrong, "import it inside the function"
 
