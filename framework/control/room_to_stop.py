@@ -16,7 +16,9 @@ STEPS = 16
 REACTION = 0.2
 """s, until a command has an effect: its period, and the lag of a base."""
 DISTANCE, CLOSING = 0.02, 0.3
-"""m that is kept from all points, and m/s at which they may have come nearer since."""
+"""m that is kept from all points, and m/s at which they may come nearer."""
+DIP = 0.05
+"""m, by which the robot may come nearer to what it is beside: to a wall that is not quite even."""
 
 
 @final
@@ -28,10 +30,10 @@ class RoomToStop:
 
         s T + s^2 t_b / 2 <= t_c
 
-    so that the curve stays. Points are taken to stand still: they are those of a scan, which
-    follow each other in less time than people need to come near. Of age A they touch the robot at
-    `DISTANCE` + A `CLOSING`, and from an age on it stands. Where one is nearer already, the robot
-    may do what brings none nearer than that.
+    so that the curve stays. Points of age A touch the robot at `DISTANCE` + A `CLOSING`; a time t
+    from now, when they have come nearer, at t `CLOSING` more, if the robot has come nearer to
+    them by `DIP`. From an age on it stands. Where a point is nearer already, the robot may do
+    what brings none nearer than that.
 
     Parameters
     ----------
@@ -71,12 +73,14 @@ class RoomToStop:
         times = np.linspace(0.0, REACTION + 0.5 * braking, STEPS + 1)
         keep = DISTANCE + CLOSING * max(age, 0.0)
         seen = _seen_from(pose, points)
-        reach = self._robot.radius + keep + float(np.hypot(twist[0], twist[1]) * times[-1])
+        way = float(times[-1]) * (float(np.hypot(twist[0], twist[1])) + CLOSING)
+        reach = self._robot.radius + keep + way
         seen = seen[(np.abs(seen) <= reach).all(axis=1)]
         if not len(seen):
             return 1.0
         nearest = self._gaps(twist, times, seen).min(axis=1)
         touched = nearest < min(keep, nearest[0] - 1e-6)
+        touched |= nearest < np.minimum(keep + CLOSING * times, nearest[0] - DIP)
         if not touched.any():
             return 1.0
         free = float(times[int(touched.argmax()) - 1])

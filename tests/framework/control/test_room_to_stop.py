@@ -10,6 +10,7 @@ from wideberth import WideberthError
 from wideberth.framework.control.command_limits import attained
 from wideberth.framework.control.room_to_stop import (
     CLOSING,
+    DIP,
     DISTANCE,
     REACTION,
     STEPS,
@@ -50,11 +51,14 @@ def test_before_a_wall_it_keeps_the_speed_from_which_it_can_stop(
     speed, brakes = 0.5, ROBOT.max_acceleration
     wall = line(sign * (0.3 + DISTANCE + CLOSING * age + free))
     found = RoomToStop(ROBOT, OLDEST).allowed(Twist((sign * speed, 0.0)), HERE, wall, age)
-    most = [
-        sqrt((brakes * REACTION) ** 2 + 2.0 * brakes * max(one, 0.0)) - brakes * REACTION
-        for one in (free - speed * (REACTION + 0.5 * speed / brakes) / STEPS, free)
-    ]
-    low, high = (min(one, speed) for one in most)
+    touches = min(max(free / (speed + CLOSING), DIP / speed), free / speed)
+    stops = REACTION + 0.5 * speed / brakes
+    low, high = (
+        min(
+            sqrt((brakes * REACTION) ** 2 + 2.0 * brakes * speed * time) - brakes * REACTION, speed
+        )
+        for time in (max(touches - stops / STEPS, 0.0), touches)
+    )
     assert low - 1e-9 <= sign * float(found.linear[0]) <= high + 1e-9
 
 
