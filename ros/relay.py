@@ -6,6 +6,7 @@ bytes of a message in CDR as its ``size`` says. When its input ends it sends a v
 the last one was not.
 """
 
+# pyright: reportMissingImports=false
 from __future__ import annotations
 
 import json
