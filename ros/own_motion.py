@@ -17,6 +17,8 @@ KEPT = 500
 """Poses that are kept: 5 s of odometry at 100 Hz."""
 AHEAD = 0.2
 """s, for which the robot is taken to go on as it did in the newest odometry."""
+STANDING = np.array([0.05, 0.05, 0.1])
+"""m/s and rad/s: a robot whose velocities are smaller stands."""
 HOLE = 0.5
 """s; between two messages of odometry that lie farther apart no pose is interpolated."""
 
@@ -80,6 +82,16 @@ class OwnMotion:
         if self._rows and row[0] == self._rows[-1][0]:
             self._rows.pop()
         self._rows.append(row)
+
+    @property
+    def stands(self) -> bool:
+        """Whether the robot stands, by the newest odometry."""
+        if self.newest is None:
+            return False
+        motion = self.newest.decoded.content
+        return isinstance(motion, OdometryMessage) and bool(
+            (np.abs(motion.twist) < STANDING).all()
+        )
 
     @property
     def now(self) -> float:

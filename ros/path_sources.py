@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import cos, inf, pi
+from math import cos, inf, nan, pi
 from typing import final
 
 import numpy as np
@@ -234,7 +234,7 @@ class GoalPlanner:
         pose = composed(here, own.poses(np.array([own.now]))[0])
         goal = composed(target, aim)
         self._last_request = RouteRequest(self._map, pose[:2], goal[:2], here)
-        return self._arrived(pose, goal) or self._last_request
+        return self._arrived(pose, goal, own.stands) or self._last_request
 
     def _straight(self, own: OwnMotion, frame: str, aim: Array) -> RouteResult | SpinGoal | None:
         motion = own.motion(own.frame, frame)
@@ -243,14 +243,15 @@ class GoalPlanner:
             return RouteResult("", np.zeros((0, 2)), reason)
         here, target = own.poses(np.array([own.now]))[0], composed(motion, aim)
         old, self._straight_goal = self._straight_goal, self._goal
-        if (found := self._arrived(here, target)) is not None or old is self._goal:
+        found = self._arrived(here, target, own.stands)
+        if found is not None or old is self._goal:
             return found
         return RouteResult(own.frame, np.stack([here[:2], target[:2]]))
 
-    def _arrived(self, here: Array, goal: Array) -> RouteResult | SpinGoal | None:
-        """Forget a goal that is reached, so that the robot brakes; refuse one out of reach.
+    def _arrived(self, here: Array, goal: Array, stands: bool) -> RouteResult | SpinGoal | None:
+        """Forget a goal at which the robot stands; let it stand there, or refuse one out of reach.
 
-        A robot that has begun to turn at its goal stays there up to twice the tolerance.
+        A robot that has begun to brake or turn at its goal stays there up to twice the tolerance.
         """
         if not (np.abs([here[:2], goal[:2]]) <= FARTHEST).all():
             reason = f"the goal or the robot is more than {FARTHEST:g} m away from the origin"
@@ -263,6 +264,8 @@ class GoalPlanner:
         frame, aim = self._goal
         if abs(within_pi(float(goal[2] - here[2]))) > self._skew:  # never of a heading that is NaN
             return SpinGoal(frame, float(aim[2]))
+        if not stands:  # its heading may be right for a moment alone
+            return SpinGoal(frame, nan)
         self.forget()
         return RouteResult("", np.zeros((0, 2)))
 

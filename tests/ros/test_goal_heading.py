@@ -103,6 +103,16 @@ def test_a_goal_where_it_stands_is_a_turn_alone(over: Any) -> None:
     assert loop.controller.paths == []
 
 
+@pytest.mark.parametrize("heading", [1.0, 1.3, 1.6, 1.9])
+def test_a_robot_that_turns_as_it_arrives_still_stands_as_asked(heading: float) -> None:
+    """It has arrived where it stands, not where its heading is right for a moment."""
+    loop = Drive(Scripted(0.5, 0.8), follows=GoalTopic())  # on a circle
+    loop.ask(heading, place=(0.7, 0.6))
+    within_limits(loop.until("waiting for a goal"))
+    assert loop.off(heading) <= YAW
+    assert np.linalg.norm(loop.pose[:2] - (0.7, 0.6)) <= 2 * PLACE
+
+
 def test_a_heading_of_another_frame_is_turned_with_it() -> None:
     loop = Drive(Arriving(), follows=GoalTopic(yaw_tolerance=0.02))
     loop.come("/tf", transform(test_node.EPOCH, "map", "odom", (1.0, 0.0, np.pi / 2)))
