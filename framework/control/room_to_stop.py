@@ -11,29 +11,27 @@ from ..values.footprint import Discs, Outline
 from ..values.motion import Pose, Twist
 from .command_limits import FAST, attained, deceleration
 
-STEPS = 16
+STEPS = 24
 """Instants at which a motion is looked at, until the robot would stand."""
 REACTION = 0.2
 """s, until a command has an effect: its period, and the lag of a base."""
 DISTANCE, CLOSING = 0.02, 0.3
 """m that is kept from all points, and m/s at which they may come nearer."""
-DIP = 0.05
-"""m, by which the robot may come nearer to what it is beside: to a wall that is not quite even."""
 
 
 @final
 class RoomToStop:
     """Slows a twist until the robot can stop on its arc before it touches anything.
 
-    With t_c the time until it touches the first point at that twist, T = `REACTION` and t_b the
-    time to brake, the largest share s of the twist is left for which
+    With t_c the time until it touches the first point at that twist, T = `REACTION`, t_b the time
+    to brake, v the speed of what moves fastest of it and c = `CLOSING`, the largest share s of the
+    twist is left for which
 
-        s T + s^2 t_b / 2 <= t_c
+        s T + s^2 t_b / 2 <= t_c / (1 + c / v)
 
-    so that the curve stays. Points of age A touch the robot at `DISTANCE` + A `CLOSING`; a time t
-    from now, when they have come nearer, at t `CLOSING` more, if the robot has come nearer to
-    them by `DIP`. From an age on it stands. Where a point is nearer already, the robot may do
-    what brings none nearer than that.
+    so that the curve stays, and the robot stands before who comes nearer meanwhile. Points of age
+    A touch it at `DISTANCE` + A c, and from an age on it stands. Where a point is nearer already,
+    the robot may do what brings none nearer than that.
 
     Parameters
     ----------
@@ -69,21 +67,22 @@ class RoomToStop:
     def _share(self, twist: Array, pose: Pose, points: Array, age: float) -> float:
         if not age <= self._oldest or not (np.abs(pose.position) <= FARTHEST).all():
             return 0.0
-        braking = float((np.abs(twist) / self._braking).max())
-        times = np.linspace(0.0, REACTION + 0.5 * braking, STEPS + 1)
+        speed = float(np.hypot(twist[0], twist[1]) + self._robot.radius * abs(twist[2]))
+        if not speed:
+            return 1.0
+        braking, nearing = float((np.abs(twist) / self._braking).max()), 1.0 + CLOSING / speed
+        times = np.linspace(0.0, nearing * (REACTION + 0.5 * braking), STEPS + 1)
         keep = DISTANCE + CLOSING * max(age, 0.0)
         seen = _seen_from(pose, points)
-        way = float(times[-1]) * (float(np.hypot(twist[0], twist[1])) + CLOSING)
-        reach = self._robot.radius + keep + way
+        reach = self._robot.radius + keep + speed * float(times[-1])
         seen = seen[(np.abs(seen) <= reach).all(axis=1)]
         if not len(seen):
             return 1.0
         nearest = self._gaps(twist, times, seen).min(axis=1)
         touched = nearest < min(keep, nearest[0] - 1e-6)
-        touched |= nearest < np.minimum(keep + CLOSING * times, nearest[0] - DIP)
         if not touched.any():
             return 1.0
-        free = float(times[int(touched.argmax()) - 1])
+        free = float(times[int(touched.argmax()) - 1]) / nearing
         return (sqrt(REACTION**2 + 2.0 * braking * free) - REACTION) / braking
 
     def _gaps(self, twist: Array, times: Array, points: Array) -> Array:

@@ -10,7 +10,6 @@ from wideberth import WideberthError
 from wideberth.framework.control.command_limits import attained
 from wideberth.framework.control.room_to_stop import (
     CLOSING,
-    DIP,
     DISTANCE,
     REACTION,
     STEPS,
@@ -51,7 +50,7 @@ def test_before_a_wall_it_keeps_the_speed_from_which_it_can_stop(
     speed, brakes = 0.5, ROBOT.max_acceleration
     wall = line(sign * (0.3 + DISTANCE + CLOSING * age + free))
     found = RoomToStop(ROBOT, OLDEST).allowed(Twist((sign * speed, 0.0)), HERE, wall, age)
-    touches = min(max(free / (speed + CLOSING), DIP / speed), free / speed)
+    touches = free / (speed + CLOSING)
     stops = REACTION + 0.5 * speed / brakes
     low, high = (
         min(
