@@ -92,6 +92,7 @@ class Counts:
     plans, failures : calls of the controller, and those that raised.
     refused : messages that were malformed, or of no use.
     latency : s, from the newest odometry to the command that follows from it, of the last plans.
+    deciding : s, that the controller itself took, of the last plans.
     """
 
     sent: int = 0
@@ -100,6 +101,7 @@ class Counts:
     failures: int = 0
     refused: int = 0
     latency: list[float] = field(default_factory=list)
+    deciding: list[float] = field(default_factory=list)
 
 
 @final
@@ -421,8 +423,10 @@ class PlannerNode:
         if turn is not None:
             self._check_spin(turn, [*earlier, observation])
             return False
+        called = time.perf_counter()
         self._call_controller(observation, earlier, path if fresh else None)
         with self._lock:
+            self.counts.deciding = [*self.counts.deciding[-999:], time.perf_counter() - called]
             self.counts.latency = [*self.counts.latency[-999:], self._decided - begin]
         return True
 

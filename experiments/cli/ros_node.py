@@ -199,6 +199,10 @@ def run_node(
     say(f"{counts.sent} commands, {counts.missed} periods missed, {counts.plans} plans")
     if counts.latency:
         middle, high = (1e3 * quantile(counts.latency, share) for share in (0.5, 0.99))
-        say(f"from odometry to the plan's command: median {middle:.0f} ms, 99 % in {high:.0f} ms")
+        own = 1e3 * quantile(counts.deciding, 0.5)
+        say(
+            f"from odometry to the plan's command: median {middle:.0f} ms, 99 % in {high:.0f} ms; "
+            f"the planner itself: median {own:.0f} ms"
+        )
     share = (time.process_time() - used) / max(time.monotonic() - begin, 1e-9)
     say(f"processor: {100 * share:.0f} % of one core")
