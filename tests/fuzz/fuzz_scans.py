@@ -215,16 +215,18 @@ class Driven:
         )
         self.node.warm_up()
         self.caught: list[str] = []
-        on_message, self.pose = self.node._on_message, np.zeros(3)
+        take, self.pose = self.node._take, np.zeros(3)
 
         def noted(*given: Any) -> None:
             try:
-                on_message(*given)
+                take(*given)
+            except WideberthError:  # its way to refuse a message
+                raise
             except Exception as error:  # the node itself goes on, and counts it as refused
                 self.caught.append(f"{given[0]}: {type(error).__name__}: {error}")
                 raise
 
-        self.node._on_message = noted  # type: ignore[method-assign]
+        self.node._take = noted  # type: ignore[method-assign]
         self.come("/tf_static", transform(EPOCH, "base_link", "laser", (0.2, 0.0, 0.1)))
         self.come("/tf", transform(EPOCH, "map", "odom", (0.5, 0.2, 0.1)))
 

@@ -106,7 +106,8 @@ def test_a_costmap_smaller_than_the_look_ahead(local: str) -> None:
 
 
 @pytest.mark.parametrize("local", LOCAL)
-def test_numbers_that_are_none_are_left_out(local: str) -> None:
+def test_it_stands_while_an_obstacle_has_no_place(local: str) -> None:
     nav2 = nav2_of(local)
-    assert not ended(nav2, [(0.0, 0.0), (3.0, 0.0)], 0.5, (np.nan, 0.0), (np.inf, 1e300))
+    found = ended(nav2, [(0.0, 0.0), (3.0, 0.0)], 0.5, (np.nan, 0.0), (np.inf, 1e300))
+    assert found == ["seen without a place: '0', '1'"]
     assert nav2.navigation is Navigation.FOLLOWING

@@ -233,7 +233,7 @@ def test_bad_input_has_a_reason() -> None:
     assert nav2.command(observed(0.0, (np.nan, *start[1:]), [])).linear == (0.0, 0.0)
     assert "nan" in nav2.reason
     nav2.command(observed(0.05, start, [(np.nan, 1.0), (1e30, 1e30)]))
-    assert nav2.reason == ""
+    assert nav2.reason == "seen without a place: 'p0', 'p1'"
     nav2.set_path(Path([(50.0, 0.0), (52.0, 0.0)]))
     nav2.command(observed(0.1, start, []))
     assert nav2.navigation is Navigation.FAILED and "INVALID_PATH" in nav2.reason

@@ -139,9 +139,9 @@ def test_scales_are_those_learnt_last_else_those_of_the_fit() -> None:
         np.testing.assert_allclose(found, base * scale[..., None, None])
     plain = AdaptiveConformal(walking, steps=3, speeds=(0.5,))
     np.testing.assert_array_equal(plain.predict(scene, 3).covariance[:, 0], base)
-    assert plain._first(0.5) == (0.0,) * 6 and fit._first(0.5) == start
-    np.testing.assert_allclose(fit._first(0.75), [0.15, 0.3, 0.3, 1.15, 1.3, 1.3])
-    np.testing.assert_allclose(fit._first(0.3), [0.1, 0.12, 0.18, 1.1, 1.12, 1.18])
+    assert plain.first(0.5) == (0.0,) * 6 and fit.first(0.5) == start
+    np.testing.assert_allclose(fit.first(0.75), [0.15, 0.3, 0.3, 1.15, 1.3, 1.3])
+    np.testing.assert_allclose(fit.first(0.3), [0.1, 0.12, 0.18, 1.1, 1.12, 1.18])
 
 
 def test_who_is_known_when_a_step_falls_due_is_inside_or_outside() -> None:

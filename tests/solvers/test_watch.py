@@ -1,13 +1,12 @@
 """A call that does not return is left behind, and what comes after it is not harmed."""
 
 import ctypes
-import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from threading import Event, get_ident, get_native_id
+from threading import Event, get_ident
 from time import sleep
 from typing import Any
 
@@ -28,7 +27,6 @@ from wideberth.framework.mpc.planner.watchdog import (
 from wideberth.framework.mpc.solver import BoundedSolver, Solution, Solver
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Plan, Rung, Status
-from wideberth.ros.priority import set_realtime_priority
 from wideberth.solvers.casadi_program import Compiled, compiled
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.planning import STRAIGHT, at, planner
@@ -77,99 +75,6 @@ def test_calls_see_the_callers_context() -> None:
     assert watched(own.get, 60.0) == 3
     with np.errstate(divide="raise"):
         assert watched(np.geterr, 60.0)["divide"] == "raise"
-
-
-@dataclass
-class Rights:
-    """What Linux knows of threads: to each its policy and its priority."""
-
-    own: dict[int, tuple[int, int]] = field(default_factory=dict)
-    refuses: bool = False
-
-    def get(self, thread: int) -> tuple[int, int]:
-        return self.own.get(thread or get_native_id(), (os.SCHED_OTHER, 0))
-
-    def policy(self, thread: int) -> int:
-        return self.get(thread)[0]
-
-    def param(self, thread: int) -> Any:
-        return os.sched_param(self.get(thread)[1])
-
-    def give(self, thread: int, policy: int, param: Any) -> None:
-        flag = os.SCHED_RESET_ON_FORK
-        lost = self.get(thread)[0] & flag and not policy & flag
-        if self.refuses or lost:
-            raise PermissionError(1, "not permitted")
-        self.own[thread or get_native_id()] = policy, param.sched_priority
-
-
-@pytest.fixture
-def rights(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rights]:
-    """Rights of Linux, without those of this computer."""
-    if not hasattr(os, "SCHED_RR"):
-        pytest.skip("of Linux alone")
-    made = Rights()
-    monkeypatch.setattr(os, "sched_getscheduler", made.policy)
-    monkeypatch.setattr(os, "sched_getparam", made.param)
-    monkeypatch.setattr(os, "sched_setscheduler", made.give)
-    watch._IDLE.clear()
-    yield made
-    watch._IDLE.clear()
-
-
-def own_rights() -> tuple[int, int]:
-    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
-    return policy, os.sched_getparam(0).sched_priority
-
-
-@pytest.mark.parametrize("before", [False, True])
-def test_a_call_has_the_callers_right_to_the_processor(rights: Rights, before: bool) -> None:
-    ordinary = os.SCHED_OTHER, 0
-    if before:  # the thread was made by an ordinary one
-        assert watched(own_rights, 60.0) == ordinary
-    for priority in (5, 7):
-        assert set_realtime_priority(priority) == ""
-        assert watched(own_rights, 60.0) == (os.SCHED_RR, priority)
-        assert watched(lambda: watched(own_rights, 60.0), 60.0) == (os.SCHED_RR, priority)
-    assert set_realtime_priority(0) == ""
-    assert watched(own_rights, 60.0) == ordinary
-
-
-def test_who_is_left_behind_is_ordinary_again(rights: Rights, end: Event) -> None:
-    set_realtime_priority(5)
-    begun: list[tuple[int, int]] = []
-
-    def stays() -> None:
-        begun.append((get_native_id(), own_rights()[1]))
-        end.wait()
-
-    with pytest.raises(SolverTimeout):
-        watched(stays, 0.5)
-    ((thread, priority),) = begun
-    assert priority == 5 and rights.get(thread)[1] == 0
-    assert watched(own_rights, 60.0) == (os.SCHED_RR, 5)
-    watch._IDLE.clear()
-    end.set()
-    while left_behind():
-        sleep(0.001)
-    assert watched(get_native_id, 60.0) == thread
-    assert rights.get(thread)[1] == 5
-
-
-def test_a_priority_that_is_not_granted_does_no_harm(rights: Rights) -> None:
-    set_realtime_priority(5)
-    rights.refuses = True
-    assert watched(own_rights, 60.0) == (os.SCHED_OTHER, 0)
-
-
-@pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="of Linux alone")
-def test_this_computer_hands_the_priority_on() -> None:
-    try:
-        set_realtime_priority(5)
-        assert watched(own_rights, 60.0) == own_rights()
-    finally:
-        set_realtime_priority(0)
-    assert watched(own_rights, 60.0) == own_rights() == (os.SCHED_OTHER, 0)
 
 
 def test_a_call_within_a_call() -> None:

@@ -13,7 +13,6 @@ until it is left behind: then it is ordinary. Threads that it starts itself are 
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
@@ -213,22 +212,12 @@ _LOCK = Lock()
 _IDLE: "list[_Worker]" = []
 _left = 0
 
-_LINUX = hasattr(os, "sched_setscheduler")
-
-
-def _rights() -> tuple[int, int]:
-    """Policy of the calling thread, and its real-time priority."""
-    if not _LINUX:
-        return 0, 0
-    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
-    return policy, os.sched_getparam(0).sched_priority
-
 
 class _Job:
     """A call, and what came of it."""
 
     def __init__(self, call: Callable[[], Any]) -> None:
-        self.call, self.context, self.rights = call, copy_context(), _rights()
+        self.call, self.context = call, copy_context()
         self.result: Any = None
         self.error: BaseException | None = None
         self.over = self.left = False
@@ -243,7 +232,6 @@ class _Worker:
         self._go = Lock()
         self._go.acquire()
         self._job: _Job | None = None
-        self._rights: tuple[int, int] | None = None
         self._thread = Thread(target=self._run, name="wideberth-watched", daemon=True)
         self._thread.start()
 
@@ -252,27 +240,12 @@ class _Worker:
         self._job = job
         self._go.release()
 
-    def take(self, rights: tuple[int, int]) -> None:
-        """Give the thread a policy and a priority, where the system grants them; under `_LOCK`."""
-        if _LINUX and rights != self._rights and self._thread.native_id is not None:
-            policy, priority = rights
-            # Only with privileges could the flag be taken away again.
-            policy |= os.SCHED_RESET_ON_FORK
-            with suppress(OSError):
-                os.sched_setscheduler(self._thread.native_id, policy, os.sched_param(priority))
-                self._rights = rights
-
     def _run(self) -> None:
         global _left
-        self._rights = _rights()
         while True:
             self._go.acquire()
             job, self._job = self._job, None
             assert job is not None
-            if job.rights != self._rights:
-                with _LOCK:
-                    if not job.left:
-                        self.take(job.rights)
             try:
                 job.result = job.context.run(job.call)
             except BaseException as error:  # raised again where it was asked for
@@ -295,8 +268,6 @@ def _over(job: _Job, worker: _Worker) -> bool:
         else:
             job.left = True
             _left += 1
-            if job.rights[1]:
-                worker.take((os.SCHED_OTHER, 0))
         return job.over
 
 
