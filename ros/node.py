@@ -577,11 +577,27 @@ class PlannerNode:
         if self._since(self._looked) > LOOK:
             self._commands.agree()
             self._looked = self._clock()
-        forward, aside, rate = velocity.tolist()
+        (forward, aside), rate = self._turned(velocity[:2], -1.0), float(velocity[2])
         frame = self.settings.base_frame
         encoder = MessageEncoder(self._wall() if stamp is None else stamp, frame, self._known)
         self._commands.send(encoder.command(0.0, Command((forward, aside), rate), frame))
         self.counts.sent += 1
+
+    @cached_property
+    def _headed(self) -> bool:
+        """Whether the robot's state has a heading; without one its velocities are the frame's."""
+        return self.robot.pose((0.0,) * len(self.robot.states)).heading is not None
+
+    def _turned(self, velocity: Array, way: float) -> tuple[float, float]:
+        """Return a velocity (2,) of the base in the frame of the odometry (way 1), or back (-1).
+
+        It stays as it is for a robot that has a heading, and drives by its own base.
+        """
+        x, y = velocity.tolist()
+        if self._headed or self.motion is None:
+            return x, y
+        cosine, sine = np.cos(self.motion[0][2]), way * np.sin(self.motion[0][2])
+        return float(cosine * x - sine * y), float(sine * x + cosine * y)
 
     def _aim(self, now: float) -> Twist:
         """Return what the controller wants, or the turn on the spot of a robot at its goal.
@@ -619,8 +635,8 @@ class PlannerNode:
         motion = self._own.newest.decoded.content
         assert isinstance(motion, OdometryMessage)
         still = np.zeros(len(self.robot.states))
-        own = Twist((float(motion.twist[0]), float(motion.twist[1])), float(motion.twist[2]))
-        velocity = attained(self.robot, still, [own])[0]
+        ahead, aside = self._turned(motion.twist[:2], 1.0)
+        velocity = attained(self.robot, still, [Twist((ahead, aside), float(motion.twist[2]))])[0]
         self._last = velocity
         forward, aside, rate = velocity.tolist()
         self._wanted = VelocityInTime(self.robot, Twist((forward, aside), rate), now)
@@ -652,7 +668,8 @@ class PlannerNode:
         wanted = Twist((forward, aside), rate)
         points, instant = scans.points()
         age = self._own.now + self._since(self._own.newest.time) - instant
-        slowed = self._room_to_stop.allowed(wanted, Pose((x, y), heading), points, age)
+        pose = Pose((x, y), heading if self._headed else None)
+        slowed = self._room_to_stop.allowed(wanted, pose, points, age)
         return velocity if slowed is wanted else self._next(slowed)
 
     def publish_plan(self) -> None:

@@ -9,7 +9,7 @@ import pytest
 from wideberth import Command, Observation, Path, WideberthError
 from wideberth.framework.controller import Controller
 from wideberth.framework.values.errors import WideberthError as Refused
-from wideberth.robots import Unicycle
+from wideberth.robots import HolonomicVelocity, Unicycle
 from wideberth.ros.messages import messages
 from wideberth.ros.node import PlannerNode
 from wideberth.ros.node_settings import NodeSettings
@@ -555,3 +555,24 @@ def test_a_stepped_node_waits_for_obstacles_of_the_same_instant() -> None:
     loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "odom"))
     loop.network.deliver()
     assert len(loop.network.wires["/cmd_vel"].gone) == 1
+
+
+def test_a_robot_without_a_heading_is_sent_velocities_of_its_base() -> None:
+    class Sideways(Scripted):
+        def command(self, observation: Observation) -> Command:
+            super().command(observation)
+            return Command((0.4, 0.1))
+
+    loop = Loop(Sideways())
+    loop.node = PlannerNode(
+        loop.controller, HolonomicVelocity(radius=0.3), NodeSettings(), loop.network,
+        lambda: loop.now,
+    )  # fmt: skip
+    loop.path()
+    for _ in range(40):
+        turned = (0.1, -0.4, 0.0)  # of a base that looks along y
+        loop.come("/odom", odometry(loop.stamp(), (0, 0, np.pi / 2), turned))
+        loop.turn(odom=False)
+    twist = loop.network.wires["/cmd_vel"].gone[-1].twist
+    assert (twist.linear.x, twist.linear.y) == pytest.approx((0.1, -0.4))
+    np.testing.assert_allclose(loop.controller.seen[-1].state[:2], [0.0, 0.0])
