@@ -40,11 +40,13 @@ class Relay:
     """
 
     def __init__(self, node: Any, source: BinaryIO, sink: BinaryIO) -> None:
-        self.node, self.source, self.sink = node, source, sink
+        self.node: Any = node
+        self.source: BinaryIO = source
+        self.sink: BinaryIO = sink
         self.publishers: dict[tuple[str, str], Any] = {}
         self.last: dict[tuple[str, str], bytes] = {}
         self.watched: set[str] = set()
-        self.lock = threading.Lock()
+        self.lock: threading.Lock = threading.Lock()
         node.create_timer(LOOK, self.look)
 
     def put(self, head: dict[str, Any], data: bytes = b"") -> None:

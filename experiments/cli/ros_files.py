@@ -6,6 +6,8 @@ from ...framework.plugins.registry import unknown
 from ...framework.values.errors import WideberthError
 
 FOLDER = Path(__file__).parents[2] / "ros" / "files"
+HIDDEN = ".txt"
+"""Behind the name of a file of Python, which is for a Python that has launch."""
 
 
 def ros_file(name: str) -> str:
@@ -15,7 +17,7 @@ def ros_file(name: str) -> str:
     ------
     WideberthError : there is no such file.
     """
-    names = sorted(path.name for path in FOLDER.iterdir() if path.is_file())
-    if name not in names:
-        raise WideberthError(unknown("file for ROS 2", name, names))
-    return (FOLDER / name).read_text()
+    files = {path.name.removesuffix(HIDDEN): path for path in FOLDER.iterdir() if path.is_file()}
+    if name not in files:
+        raise WideberthError(unknown("file for ROS 2", name, sorted(files)))
+    return files[name].read_text(encoding="utf-8")

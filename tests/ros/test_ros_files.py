@@ -52,7 +52,9 @@ def test_nav2_is_launched_with_our_node_in_the_place_of_its_controller(launched:
 
 
 def test_the_launch_file_starts_our_node(launched: Any) -> None:
-    (command,) = [one.cmd for one in launched(FOLDER / "node.launch.py") if hasattr(one, "cmd")]
+    (command,) = [
+        one.cmd for one in launched(FOLDER / "node.launch.py.txt") if hasattr(one, "cmd")
+    ]
     words = ["wideberth", "node", "<config>", "--ros-args", "-p"]
     assert command == [*words, ["use_sim_time:=", "<use_sim_time>"]]
 
