@@ -84,7 +84,7 @@ def ros(module: str) -> Any:
         raise WideberthError(
             f"{module} of ROS 2 is not found ({error}); run `source /opt/ros/DISTRIBUTION/"
             "setup.bash` first, with the Python of that ROS; or install the extra ros; or, "
-            "where the two need different Pythons, see --relay"
+            "where the two need different Pythons, see `wideberth node --relay`"
         ) from None
 
 

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from queue import Queue
+from queue import Empty, Queue
 from typing import Any, final
 
 from ..framework.controller import Controller
@@ -52,11 +52,16 @@ class RelayLink:
         self._lock = threading.Lock()
         begun: Queue[str | None] = Queue()
         threading.Thread(target=self._read, args=(begun,), name="relay", daemon=True).start()
-        distribution = begun.get(timeout=LONGEST_START)
+        try:
+            distribution = begun.get(timeout=LONGEST_START)
+        except Empty:
+            distribution = None
         if distribution is None:
+            self._process.kill()
+            self.close()
             raise WideberthError(
-                f"the relay {command[0]!r} ended at once (its message is above); it needs rclpy: "
-                "run `source /opt/ros/DISTRIBUTION/setup.bash` first"
+                f"the relay {command[0]!r} did not begin (its message, if any, is above); it "
+                "needs rclpy: run `source /opt/ros/DISTRIBUTION/setup.bash` first"
             )
         known = distribution if distribution in DISTRIBUTIONS else DISTRIBUTIONS[1]
         self._known = Messages(known)
@@ -118,18 +123,19 @@ class RelayLink:
         """Take the frames of the relay until it ends."""
         source = self._process.stdout
         assert source is not None
-        for line in iter(source.readline, b""):
-            head = json.loads(line)
-            data = source.read(head["size"])
-            if "distribution" in head:
-                begun.put(head["distribution"])
-            elif "listeners" in head:
-                found = head["listeners"].items()
-                self._listeners.update({topic: frozenset(kinds) for topic, kinds in found})
-            elif "lacks" in head:
-                self.lacks = head["lacks"]
-            else:
-                self._take(head["message"], head["kind"], data)
+        with source:
+            for line in iter(source.readline, b""):
+                head = json.loads(line)
+                data = source.read(head["size"])
+                if "distribution" in head:
+                    begun.put(head["distribution"])
+                elif "listeners" in head:
+                    found = head["listeners"].items()
+                    self._listeners.update({topic: frozenset(kinds) for topic, kinds in found})
+                elif "lacks" in head:
+                    self.lacks = head["lacks"]
+                else:
+                    self._take(head["message"], head["kind"], data)
         begun.put(None)
 
     def _take(self, topic: str, kind: str, data: bytes) -> None:

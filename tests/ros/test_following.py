@@ -1,5 +1,6 @@
 """Following a path to its end, with the results of Nav2's action FollowPath."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from wideberth import Path as WorldPath
 from wideberth import WideberthError
 from wideberth.experiments.cli.app import main
+from wideberth.ros import relayed
 from wideberth.ros.following import Following, PathFollower, ResultCode
 from wideberth.ros.link import ros
 from wideberth.ros.node import TURNING
@@ -28,7 +30,7 @@ def follower(loop: Loop, **settings: float) -> PathFollower:
 
 
 def until_it_ends(loop: Loop, one: PathFollower, most: float = 60.0, **how: bool) -> Any:
-    """Drive along x as told until the path has ended; return how, and where."""
+    """Drive along x by the commands until the path has ended; return how, and where."""
     x, begin = 0.0, loop.now
     while loop.now - begin < most:
         loop.come("/odom", odometry(loop.stamp(), (x, 0, 0), loop.motion))
@@ -147,6 +149,13 @@ def test_without_ros_one_line_says_what_to_do() -> None:
 
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "nav2"
+
+
+@pytest.mark.parametrize("does", ["import time; time.sleep(60)", "raise SystemExit(1)"])
+def test_a_relay_that_does_not_begin_is_named(does: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(relayed, "LONGEST_START", 0.5)
+    with pytest.raises(WideberthError, match=r"did not begin.*needs rclpy"):
+        relayed.RelayLink([sys.executable, "-c", does])
 
 
 def test_the_command_needs_ros(capsys: pytest.CaptureFixture[str]) -> None:
