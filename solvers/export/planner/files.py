@@ -1,16 +1,13 @@
 """The files of an exported planner."""
 
-import json
 from importlib.resources import files as resources
 
-from .... import __version__
-from ....framework.plugins.io import stamped
 from ...riccati.workspace import MOST_PLANS
-from ..bundle import KIND, MANIFEST, VERSION
+from ..bundle import MANIFEST
 from ..header import entries
 from ..readme import wrapped
 from ..rendering import rendered
-from ..solver.files import ARCHIVE, source
+from ..solver.files import ARCHIVE, manifest, source
 from ..solver.header import header
 from ..solver.needs import stack
 from ..solver.tables import tables, width_of_slots, width_of_steps
@@ -72,7 +69,7 @@ def bundle(one: ExportedPlanner) -> dict[str, str | bytes]:
         **{name: _code(name, "nav2") for name in PACKAGE},
         "Makefile": rendered("planner/Makefile", sources=SOURCES),
     }
-    return {**found, MANIFEST: _manifest(one, [*found])}
+    return {**found, MANIFEST: manifest(one.solver, [*found], {})}
 
 
 def _code(name: str, folder: str = "c") -> str:
@@ -131,17 +128,3 @@ def _readme(one: ExportedPlanner) -> str:
         period=f"{one.planner.period:g}",
         walls=bool(native.subject.problem.slots[1].count),
     )
-
-
-def _manifest(one: ExportedPlanner, files: list[str]) -> str:
-    native = one.solver.native
-    content = {
-        "wideberth": __version__,
-        "source": native.subject.source,
-        "target": native.machine.name,
-        "build": native.build,
-        "key": native.subject.problem.key,
-        "files": files,
-        "planner": native.subject.config,
-    }
-    return json.dumps(stamped(KIND, VERSION, content), indent=1) + "\n"

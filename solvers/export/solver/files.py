@@ -35,7 +35,8 @@ def bundle(solver: ExportedSolver) -> dict[str, str | bytes]:
     }
     if shown:
         found |= {name: source(name) for name in ("loop.c", "loop.cpp")}
-    return {**found, MANIFEST: _manifest(solver, [*found])}
+    needs = {"memory": memory(solver), "stack": stack(solver)}
+    return {**found, MANIFEST: manifest(solver, [*found], needs)}
 
 
 def has_example(solver: ExportedSolver) -> bool:
@@ -69,7 +70,8 @@ def source(name: str) -> str:
     return resources(__name__.rpartition(".")[0]).joinpath("c", name).read_text(encoding="utf-8")
 
 
-def _manifest(solver: ExportedSolver, files: list[str]) -> str:
+def manifest(solver: ExportedSolver, files: list[str], needs: dict[str, int]) -> str:
+    """Return the manifest of a folder: of what it was made, what it needs, and its files."""
     native = solver.native
     content = {
         "wideberth": __version__,
@@ -77,8 +79,7 @@ def _manifest(solver: ExportedSolver, files: list[str]) -> str:
         "target": native.machine.name,
         "build": native.build,
         "key": native.subject.problem.key,
-        "memory": memory(solver),
-        "stack": stack(solver),
+        **needs,
         "files": files,
         "planner": native.subject.config,
     }

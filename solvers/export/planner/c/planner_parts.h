@@ -280,7 +280,4 @@ void wb_pressed(const struct instance *instance, const struct point *point, stru
 void wb_multistart(struct wideberth_planner *planner, struct point *first, int warm);
 const struct candidate *wb_choose(struct wideberth_planner *planner, int *rung);
 
-/* Sum as NumPy does it, which adds eight at a time. */
-double wb_sum(const double *values, int count);
-
 #endif

@@ -12,27 +12,6 @@
 #define OF_SOLVERS 1e-4 /* m and m/s, by which plans differ from braking */
 #define LOOKS 32       /* between two steps, at most */
 
-double wb_sum(const double *values, int count)
-{
-    double parts[8], sum = 0.0;
-    int i, k;
-    if (count > 128) {
-        const int half = count / 2 - count / 2 % 8;
-        return wb_sum(values, half) + wb_sum(values + half, count - half);
-    }
-    if (count < 8) {
-        for (i = 0; i < count; i++) sum += values[i];
-        return sum;
-    }
-    memcpy(parts, values, sizeof(parts));
-    for (i = 8; i < count - count % 8; i += 8)
-        for (k = 0; k < 8; k++) parts[k] += values[i + k];
-    sum = ((parts[0] + parts[1]) + (parts[2] + parts[3]))
-        + ((parts[4] + parts[5]) + (parts[6] + parts[7]));
-    for (; i < count; i++) sum += values[i];
-    return sum;
-}
-
 static int finite_states(const struct point *point)
 {
     int i, r;
@@ -195,7 +174,7 @@ double wb_total(const struct violation *found)
         for (k = 0; k < SLOTS; k++) deepest = fmax(deepest, found->regions[i][k]);
         each[i] = deepest + found->touch[i];
     }
-    return wb_sum(each, N);
+    return wideberth_sum(each, N);
 }
 
 double wb_touched_or_near(const struct instance *instance, const struct candidate *one, int window)
@@ -240,7 +219,7 @@ double wb_price(const struct instance *instance, const struct point *point)
         }
 #endif
     }
-    total = wb_sum(each, N);
+    total = wideberth_sum(each, N);
     if (WIDEBERTH_SHARED_LEVEL) {
         const double off = point->level - (instance->obstacles ? PLAN_LEVELS[0] : 0.0);
         total += PLAN_LEVEL_WEIGHT * off * off;

@@ -26,8 +26,10 @@ struct kind {
 
 #ifdef WIDEBERTH_OF_A_PLANNER
 #include "wideberth_more.h"
+#define SHARED /* with the planner */
 #else
 typedef struct wideberth_more wideberth_more; /* a planner alone has more to say */
+#define SHARED static
 #endif
 
 #include "wideberth_tables.h"
@@ -420,13 +422,13 @@ static void describe(const wideberth_problem *problem, wideberth_more *more, str
 }
 
 /* Sum as NumPy does it, which adds eight at a time. */
-static double sum_of(const double *values, int count)
+SHARED double wideberth_sum(const double *values, int count)
 {
     double parts[8], sum;
     int i, k;
     if (count > 128) {
         const int half = count / 2 - count / 2 % 8;
-        return sum_of(values, half) + sum_of(values + half, count - half);
+        return wideberth_sum(values, half) + wideberth_sum(values + half, count - half);
     }
     if (count < 8) {
         sum = 0.0;
@@ -482,12 +484,12 @@ static int solve(const wideberth_problem *problem, wideberth_more *more, void *m
 #endif
 #ifdef WIDEBERTH_PENALTY
     {
-        const volatile double paid = WIDEBERTH_PENALTY * sum_of(result->slack, WIDEBERTH_HORIZON);
+        const volatile double paid = WIDEBERTH_PENALTY * wideberth_sum(result->slack, WIDEBERTH_HORIZON);
         result->cost += paid;
         if (result->status == WIDEBERTH_INFEASIBLE) result->status = WIDEBERTH_SOLVED;
     }
 #else
-    (void)sum_of;
+    (void)wideberth_sum;
 #endif
     return WIDEBERTH_NO_ERROR;
 }

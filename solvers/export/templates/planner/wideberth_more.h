@@ -31,4 +31,7 @@ typedef struct {
 int wideberth_solve_more(const wideberth_problem *problem, wideberth_more *more, void *memory,
     size_t size, wideberth_result *result);
 
+/* Sum as NumPy does it, which adds eight at a time. */
+double wideberth_sum(const double *values, int count);
+
 #endif
