@@ -14,7 +14,7 @@ from wideberth.ros.messages import messages
 from wideberth.ros.obstacle_sources import ScanTopic
 from wideberth.ros.path_sources import PathTopic
 from wideberth.tests.helpers import hall as the_hall
-from wideberth.tests.helpers.bags import header, odometry, transform
+from wideberth.tests.helpers.bags import header, transform
 from wideberth.tests.helpers.rays import ranges
 from wideberth.tests.ros.test_goal_heading import Drive
 from wideberth.tests.ros.test_node import EPOCH, Scripted
@@ -115,20 +115,12 @@ class LateHall(Hall):
     def tick(self) -> None:
         """Odometry at 50 Hz, scans at 10 Hz, commands at 25 Hz."""
         time = self.now - self.begin + self.shift
-        away = np.linalg.norm(the_hall.walkers(time) - self.place, axis=1).min()
-        self.nearest = min(self.nearest, float(away) - 2 * the_hall.WIDE)
         self.gap = min(self.gap, gap(self.place))
-        self.come("/odom", odometry(EPOCH + self.now, self.pose, self.twist, child="base_link"))
+        self.show(time)
         if self.count % 5 == 0 and self.rng.random() > 0.3:
             self.scan(time)
         self.network.deliver()
-        if self.count % 2 == 0 and self.node.publish():
-            told = self.network.wires["/cmd_vel"].gone[-1].twist
-            self.twist = np.array([told.linear.x, 0.0, told.angular.z])
-        middle = self.pose[2] + 0.01 * self.twist[2]
-        along = np.array([np.cos(middle), np.sin(middle), 0.0])
-        self.pose = self.pose + 0.02 * (self.twist[0] * along + [0.0, 0.0, self.twist[2]])
-        self.now += 0.02
+        self.move(self.count)
         self.count += 1
 
     def drive(self, seconds: float) -> None:

@@ -490,27 +490,34 @@ class Hall:
         )  # fmt: skip
         self.come("/scan", message)
 
+    def show(self, time: float) -> None:
+        """Send odometry, and note how near the walkers are."""
+        away = np.linalg.norm(the_hall.walkers(time) - self.place, axis=1).min()
+        self.nearest = min(self.nearest, float(away) - 2 * the_hall.WIDE)
+        self.come("/odom", odometry(EPOCH + self.now, self.pose, self.twist, child="base_link"))
+
+    def move(self, k: int) -> None:
+        """Drive for 0.02 s, with a new command each second time."""
+        if k % 2 == 0 and self.node.publish():
+            sent = self.network.wires["/cmd_vel"].gone[-1].twist
+            self.twist = np.array([sent.linear.x, 0.0, sent.angular.z])
+        middle = self.pose[2] + 0.01 * self.twist[2]
+        along = np.array([np.cos(middle), np.sin(middle), 0.0])
+        self.pose = self.pose + 0.02 * (self.twist[0] * along + [0.0, 0.0, self.twist[2]])
+        self.now += 0.02
+
     def drive(self, seconds: float) -> None:
         """Odometry at 50 Hz, scans at 10 Hz, commands at 25 Hz, plans at 5 Hz."""
         begin = self.now
         for k in range(round(seconds / 0.02)):
             time = self.now - begin
-            away = np.linalg.norm(the_hall.walkers(time) - self.place, axis=1).min()
-            self.nearest = min(self.nearest, float(away) - 2 * the_hall.WIDE)
-            said = odometry(EPOCH + self.now, self.pose, self.twist, child="base_link")
-            self.come("/odom", said)
+            self.show(time)
             if k % 5 == 0:
                 self.scan(time)
             self.network.deliver()
             if k % 10 == 0:
                 self.node.plan()
-            if k % 2 == 0 and self.node.publish():
-                told = self.network.wires["/cmd_vel"].gone[-1].twist
-                self.twist = np.array([told.linear.x, 0.0, told.angular.z])
-            middle = self.pose[2] + 0.01 * self.twist[2]
-            along = np.array([np.cos(middle), np.sin(middle), 0.0])
-            self.pose = self.pose + 0.02 * (self.twist[0] * along + [0.0, 0.0, self.twist[2]])
-            self.now += 0.02
+            self.move(k)
             if self.node.status == "waiting for a goal" and not self.twist.any():
                 break
 
