@@ -1,7 +1,7 @@
 """Our planner as Nav2's actions FollowPath and NavigateToPose, with their results."""
 
 from abc import ABC, abstractmethod
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -28,24 +28,25 @@ class GoalServer(ABC):
 
     Parameters
     ----------
-    node : of rclpy. planner : that drives. kind : of the action, as "nav2_msgs/action/FollowPath".
-    name : of the action. settings : when a goal has ended.
+    node : of rclpy. planner : that drives.
     """
 
-    def __init__(
-        self, node: Any, planner: PlannerNode, kind: str, name: str, settings: Following
-    ) -> None:
+    action: ClassVar[str]
+    """Its type, as "FollowPath" of nav2_msgs."""
+    name: ClassVar[str]
+
+    def __init__(self, node: Any, planner: PlannerNode) -> None:
         action = ros("rclpy.action")
         self.planner: PlannerNode = planner
-        self.settings: Following = settings
-        self.kind: Any = message_class(kind)
+        self.settings: Following = Following()
+        self.kind: Any = message_class(f"nav2_msgs/action/{self.action}")
         self._node = node
         self._handle: Any = None
         self._follower: Follower | None = None
         self._server = action.ActionServer(
             node,
             self.kind,
-            name,
+            self.name,
             lambda handle: self._result(End(ResultCode.UNKNOWN)),
             goal_callback=lambda _: (
                 action.GoalResponse.ACCEPT if planner.active else action.GoalResponse.REJECT
@@ -127,16 +128,10 @@ class FollowPathServer(GoalServer):
     has them (from Iron on). Parameters as of `GoalServer`.
     """
 
-    def __init__(
-        self,
-        node: Any,
-        planner: PlannerNode,
-        settings: Following | None = None,
-        name: str = "follow_path",
-    ) -> None:
-        super().__init__(
-            node, planner, "nav2_msgs/action/FollowPath", name, settings or Following()
-        )
+    action, name = "FollowPath", "follow_path"
+
+    def __init__(self, node: Any, planner: PlannerNode) -> None:
+        super().__init__(node, planner)
         speed_limit = message_class("nav2_msgs/msg/SpeedLimit")
         self._limits = node.create_subscription(speed_limit, "speed_limit", self.limit, QUEUE)
 
@@ -179,19 +174,13 @@ class FollowPathServer(GoalServer):
 class NavigateToPoseServer(GoalServer):
     """Nav2's action NavigateToPose: takes a goal, to which the planner finds the way itself.
 
-    Parameters as of `FollowPathServer`; the planner follows goals.
+    Parameters as of `GoalServer`; the planner follows goals.
     """
 
-    def __init__(
-        self,
-        node: Any,
-        planner: PlannerNode,
-        settings: Following | None = None,
-        name: str = "navigate_to_pose",
-    ) -> None:
-        super().__init__(
-            node, planner, "nav2_msgs/action/NavigateToPose", name, settings or Following()
-        )
+    action, name = "NavigateToPose", "navigate_to_pose"
+
+    def __init__(self, node: Any, planner: PlannerNode) -> None:
+        super().__init__(node, planner)
         self._begun = planner.now
 
     def begin(self, goal: Any) -> tuple[Follower, End | None]:

@@ -47,7 +47,7 @@ class ManagedPlanner:
         )
         self._link = RosLink(self.ros)
         self._timers: list[Any] = []
-        self._due, self._over = threading.Event(), threading.Event()
+        self._over = threading.Event()
         self._actions: list[GoalServer] = []
 
     def configure(self) -> None:
@@ -66,12 +66,12 @@ class ManagedPlanner:
         self._timers = [self.ros.create_timer(1.0, planner.publish_diagnostics)]
         if settings.stepped:
             return
+        due, self._over = threading.Event(), threading.Event()
         self._timers += [
             self.ros.create_timer(1.0 / settings.rate, planner.publish),
-            self.ros.create_timer(self._controller.period, self._due.set),
+            self.ros.create_timer(self._controller.period, due.set),
         ]
-        self._over.clear()
-        deciding = (planner, self._due, self._over)
+        deciding = (planner, due, self._over)
         threading.Thread(target=decide_forever, args=deciding, name="planner", daemon=True).start()
 
     def activate(self, active: bool = True) -> None:

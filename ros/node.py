@@ -271,9 +271,7 @@ class PlannerNode:
 
     def _planned_command(self) -> Array | None:
         """Decide; return the controller's command, standing where it may not drive any more."""
-        plans = self.counts.plans
-        self.decide()
-        if self.counts.plans > plans and self._command is not None:
+        if self.decide():
             return self._command
         return None if self._last is None else np.zeros(3)
 
@@ -716,15 +714,21 @@ class PlannerNode:
         self.controller.set_path(Path(np.array([(0.0, 0.0), (1.0, 0.0)])))
         self.controller.reset()
 
-    def decide(self) -> None:
-        """Plan, and publish the plan; what goes wrong is counted, and said in `status`."""
+    def decide(self) -> bool:
+        """Plan, and publish the plan; return whether the controller was called.
+
+        What goes wrong is counted, and said in `status`.
+        """
+        planned = False
         try:
-            if self.plan():
+            planned = self.plan()
+            if planned:
                 self.publish_plan()
         except Exception as error:  # the commands go on: they brake when plans grow old
             self.counts.failures += 1
             self.status = f"planning failed: {short(str(error))}"
             _LOG.warning("node: %s", self.status)
+        return planned
 
 
 def spin_blocked_by(robot: Robot, observation: Observation) -> str:
