@@ -128,7 +128,8 @@ class FollowPathServer(GoalServer):
     has them (from Iron on). Parameters as of `GoalServer`.
     """
 
-    action, name = "FollowPath", "follow_path"
+    action: ClassVar[str] = "FollowPath"
+    name: ClassVar[str] = "follow_path"
 
     def __init__(self, node: Any, planner: PlannerNode) -> None:
         super().__init__(node, planner)
@@ -177,7 +178,8 @@ class NavigateToPoseServer(GoalServer):
     Parameters as of `GoalServer`; the planner follows goals.
     """
 
-    action, name = "NavigateToPose", "navigate_to_pose"
+    action: ClassVar[str] = "NavigateToPose"
+    name: ClassVar[str] = "navigate_to_pose"
 
     def __init__(self, node: Any, planner: PlannerNode) -> None:
         super().__init__(node, planner)
