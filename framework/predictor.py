@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import wraps
 from typing import Any, ClassVar, Self
 
+from .values.coverage import Coverage
 from .values.forecast import Forecast, Scene
 from .values.number_limits import bounded
 from .values.tracks import Tracks
@@ -66,6 +67,9 @@ class Predictor(ABC):
 
     reference: ClassVar[str] = ""
     """BibTeX key of the source, for ``wideberth cite``."""
+
+    coverage: ClassVar[Coverage | None] = None
+    """What the regions of its forecasts promise; None where it is a model that may be wrong."""
 
     def __init_subclass__(cls, **settings: Any) -> None:
         """Put the limits before the methods of a subclass that are given tracks."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..framework.predictor import Adaptive, Fittable, Predictor
 from ..framework.tracking.windows import windows_of
 from ..framework.values.arrays import Array, checked, positive, probability, whole
+from ..framework.values.coverage import Coverage, Event
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
@@ -95,8 +96,8 @@ class AdaptiveConformal(Adaptive, Fittable):
     telescopes, over T updates the misses of one obstacle average to within (max l - min l
     + rate) / (rate T) of the tail, on any site and however it changes. (Of several, their sums
     over sqrt(n) do: a moment with four people weighs twice as much as one with one.) That is a
-    long-run rate per class and step; it says nothing of a single moment, nor of all steps
-    together.
+    long-run rate per class and step; it says nothing of a single moment, of all steps
+    together, or of an episode.
 
     `update` makes the forecasts that it will judge; those of obstacles seen at the newest
     sample for ``observed`` samples in a row are kept. Truth is looked up by identity at the
@@ -145,6 +146,12 @@ class AdaptiveConformal(Adaptive, Fittable):
     state: Online | None = None
 
     reference: ClassVar[str] = "gibbs2021adaptive"
+    coverage: ClassVar[Coverage] = Coverage(
+        Event.LONG_RUN,
+        "1 - tail in the limit, for each class of speed and step",
+        "the logarithm of no scale reaches its limit",
+        reference,
+    )
 
     def __post_init__(self) -> None:
         probability("adaptive_conformal.tail", self.tail)

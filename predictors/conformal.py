@@ -10,6 +10,7 @@ import numpy as np
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import windows_of
 from ..framework.values.arrays import Array, checked, positive, probability, whole
+from ..framework.values.coverage import Coverage, Event
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
@@ -99,6 +100,12 @@ class Conformal(Fittable):
     fitted: Scales | None = None
 
     reference: ClassVar[str] = "lindemann2023safe"
+    coverage: ClassVar[Coverage] = Coverage(
+        Event.STEP,
+        "at least 1 - tail over the draw of both the data of the fit and the future",
+        "futures are exchangeable with the windows of the fit",
+        reference,
+    )
 
     def __post_init__(self) -> None:
         refuse_adaptive("conformal.base", self.base)

@@ -17,6 +17,7 @@ from inspect import Signature, signature
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, final
 
+from ..values.coverage import Coverage
 from ..values.errors import WideberthError
 
 if TYPE_CHECKING:
@@ -164,6 +165,12 @@ def each(check: Callable[[Any], None], cases: Callable[[], Iterable[Any]]) -> Ca
             check(case)
 
     return check_all
+
+
+def check_coverage(coverage: Any) -> None:
+    """Demand that what a class promises is a `Coverage`, or None where it promises nothing."""
+    fine = coverage is None or isinstance(coverage, Coverage)
+    assert fine, f"coverage is {coverage!r}; wanted a Coverage, or None where nothing is promised"
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from ..plugins.registry import load, names
 from ..region import Guarantee, Region
 from ..values.arrays import Array
 from ..values.errors import WideberthError
-from .laws import Contract, Law, law, stated
+from .laws import Contract, Law, check_coverage, law, stated
 
 _SIZES = ((1, 1), (1, 4), (15, 1), (15, 3), (60, 20), (3, 0))
 """Steps and obstacles."""
@@ -22,9 +22,10 @@ _SIZES = ((1, 1), (1, 4), (15, 1), (15, 3), (60, 20), (3, 0))
 def check_level(policy: LevelPolicy) -> Iterator[Law]:
     """Check the laws of a level policy.
 
-    It is a frozen dataclass with a tail in (0, 1). With each registered region it gives the
-    same finite levels (steps, obstacles) each time, all the same and not below ``minimum``
-    where one variable stands for them, else not negative; and no lower ones for half the tail.
+    It is a frozen dataclass with a tail in (0, 1), which states its coverage or None. With each
+    registered region it gives the same finite levels (steps, obstacles) each time, all the same
+    and not below ``minimum`` where one variable stands for them, else not negative; and no lower
+    ones for half the tail.
     It may refuse a region with a WideberthError, and has to where it promises a collision
     risk that the region guarantees at no level.
 
@@ -85,6 +86,10 @@ class _Served:
             except FrozenInstanceError:
                 continue
             raise AssertionError(f"it must be frozen, and {entry.name} can be set")
+
+    @law("what it promises is stated")
+    def check_coverage(self) -> None:
+        check_coverage(self.policy.coverage)
 
     @law("serves some region")
     def check_serves(self) -> None:

@@ -14,7 +14,7 @@ from ..values.arrays import Array, BoolArray
 from ..values.errors import WideberthError
 from ..values.forecast import Forecast, Scene
 from ..values.tracks import Tracks
-from .laws import Contract, Law, law, serving, stated
+from .laws import Contract, Law, check_coverage, law, serving, stated
 from .predictor_cases import (
     ABSURD,
     NEVER,
@@ -49,10 +49,10 @@ def check_predictor(
     turning and shifting tracks and scene together (not for an obstacle never observed:
     nothing of it could turn); independent of the order of the obstacles; zero obstacles are
     served; so are positions, noise and radii of any magnitude that a float holds, and but for
-    the radius they change nothing for the other obstacles. One that adapts keeps its laws
-    while it is updated, and no copy changes another. One that learns is fitted: `fit` leaves it
-    as it was, returns its own kind, the same when called again; the fitted copy keeps the same
-    laws and survives `save_plugin`.
+    the radius they change nothing for the other obstacles. Its coverage is stated, or None. One
+    that adapts keeps its laws while it is updated, and no copy changes another. One that learns
+    is fitted: `fit` leaves it as it was, returns its own kind, the same when called again; the
+    fitted copy keeps the same laws and survives `save_plugin`.
 
     Parameters
     ----------
@@ -193,6 +193,11 @@ class _World:
 @dataclass(frozen=True, eq=False)
 class _Bare(_World):
     """A world without a scene."""
+
+    @law("what it promises is stated")
+    def check_coverage(self) -> None:
+        """Check that its coverage is one, or None."""
+        check_coverage(self.predictor.coverage)
 
     @law("odd histories")
     def check_odd(self) -> None:

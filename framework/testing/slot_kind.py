@@ -27,7 +27,7 @@ from ..values.forecast import Forecast
 from ..values.motion import Detection, Observation
 from ..values.polygon import Polygon
 from ..values.tracks import Tracks
-from .laws import Contract, Law, law, stated
+from .laws import Contract, Law, check_coverage, law, stated
 
 STEPS, COUNT = 40, 3
 PLACES = np.array([[2.0, 0.4], [-1.5, 1.5], [0.5, -2.2]])
@@ -159,6 +159,11 @@ class Sample:
         name = self.kind.name
         assert re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name), f"the name is {name!r}"
         assert name not in ("level", "state", "input", "nlp"), f"{name!r} has another meaning in C"
+
+    @law("what it promises is stated")
+    def states_its_coverage(self) -> None:
+        """Demand a `Coverage`, or None."""
+        check_coverage(self.kind.coverage)
 
     @law("sizes")
     def sizes_fit(self) -> None:

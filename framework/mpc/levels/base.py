@@ -3,12 +3,13 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal, TypeAlias, get_args
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from ...region import Region, RiskLevel
 from ...values.arrays import Array
+from ...values.coverage import Coverage
 from ...values.errors import WideberthError
 
 Promise: TypeAlias = Literal["content", "risk"]
@@ -27,6 +28,9 @@ class LevelPolicy(ABC):
 
     promise: Promise
     """What it is the probability of."""
+
+    coverage: ClassVar[Coverage | None] = None
+    """What the regions promise where no plan enters them, at these levels; None: nothing."""
 
     def __init_subclass__(cls) -> None:
         """Refuse a policy that declares a shared level by a flag instead of its type.

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...region import Region
 from ...values.arrays import Array, probability, whole
+from ...values.coverage import Coverage, Event
 from ...values.errors import WideberthError
 from .base import LevelPolicy, Promise, checked_promise, mixed_up, spread
 
@@ -30,7 +31,7 @@ class Discounted(LevelPolicy):
     later step i promises tail_i alone: enough to plan a way through, less than what will be
     asked for when it is driven. Nothing promises that a plan at full level will exist by then;
     if none does, the penalty and the fallback ladder decide. A plan that is driven beyond step c
-    because no new one was found keeps what its steps promise, no more.
+    because no new one was found keeps what its steps promise, no more. An episode is not bounded.
 
     Forecasts that are honest grow: a level that is full at the last step, 5 to 8 s ahead, closes
     ways that will turn out to be free.
@@ -44,6 +45,12 @@ class Discounted(LevelPolicy):
     """
 
     reference: ClassVar[str] = "yan2018stochastic"
+    coverage: ClassVar[Coverage] = Coverage(
+        Event.STEP,
+        "1 - tail at the full steps, falling to 1 - final_tail at the last",
+        "the forecast is right: its Gaussians are the distribution of the truth",
+        reference,
+    )
 
     tail: float = 0.05
     final_tail: float = 0.5

@@ -5,6 +5,7 @@ from typing import ClassVar, final
 
 from ...region import Region
 from ...values.arrays import Array
+from ...values.coverage import Coverage
 from .base import Promise, SharedLevel
 from .relaxed import Relaxed
 
@@ -29,6 +30,8 @@ class Paper(SharedLevel):
     """
 
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+
+    coverage: ClassVar[Coverage] = Relaxed.coverage
 
     tail: float = 0.050012
     weight: float = 1.0

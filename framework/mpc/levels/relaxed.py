@@ -1,10 +1,11 @@
 """One level for all: a decision variable, drawn towards its reference by the cost."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 from ...region import Region
 from ...values.arrays import Array, positive, probability
+from ...values.coverage import Coverage, Event
 from ...values.errors import WideberthError
 from .base import Promise, SharedLevel, checked_promise, mixed_up, uniform
 
@@ -19,6 +20,9 @@ class Relaxed(SharedLevel):
     shipped experiments use where they name no numbers. The paper's own numbers are those of
     `Paper`. With the ellipse, minimum 1 holds 39 % content.
 
+    What a level promises is that of one obstacle at one step, neither of a plan nor of an episode;
+    a level that gave way promises less than ``tail``.
+
     At level 0 a region around the content ellipse is the disc of the margin, so that bodies
     touch at most. A region made of a risk (`RiskContour`, `WhitenedBox`, `Park`, `DuToit`, of
     level sqrt(-2 ln risk)) is smaller than that there, or empty: its minimum has to be a level
@@ -31,6 +35,13 @@ class Relaxed(SharedLevel):
     minimum : lower bound of s, in the region's own unit; at most s_ref. ``-.inf`` for none.
     promise : whether tail is 1 - content, as in the paper, or the highest collision risk.
     """
+
+    coverage: ClassVar[Coverage] = Coverage(
+        Event.STEP,
+        "1 - tail where the level stays at its reference, else what the plan's level stands for",
+        "the forecast is right: its Gaussians are the distribution of the truth",
+        "schoeneberg2025trajectory",
+    )
 
     tail: float = 0.05
     weight: float = 1000.0

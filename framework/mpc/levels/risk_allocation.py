@@ -7,6 +7,7 @@ import numpy as np
 
 from ...region import Region
 from ...values.arrays import Array, positive, probability
+from ...values.coverage import Coverage, Event
 from .base import LevelPolicy, Promise, checked_promise, spread
 
 
@@ -26,7 +27,8 @@ class RiskAllocation(LevelPolicy):
     for the plan as a whole, driven to its end without planning anew, at its steps (not between
     them), if the forecast is right. It holds with regions that bound the collision risk (all
     with a guarantee); for the others, tail bounds the probability that any obstacle leaves
-    any of its un-enlarged regions.
+    any of its un-enlarged regions. The next plan takes a ``tail`` of its own: an episode is not
+    bounded.
 
     With growth 0 all steps get the same. Those far ahead, whose forecasts are wide, gain most
     from a larger share: among all splits the one with the smallest sum of enlargements has
@@ -47,6 +49,12 @@ class RiskAllocation(LevelPolicy):
     """
 
     reference: ClassVar[str] = "ono2008iterative"
+    coverage: ClassVar[Coverage] = Coverage(
+        Event.PLAN,
+        "at least 1 - tail",
+        "the forecast is right at each step; independence is not needed",
+        reference,
+    )
 
     tail: float = 0.05
     growth: float = 1.0

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...robot import Robot
 from ...values.arrays import Array, BoolArray
+from ...values.coverage import Coverage
 from ...values.forecast import Forecast
 from ...values.motion import Observation, Pose
 from ...values.tracks import Tracks
@@ -194,6 +195,9 @@ class SlotKind(ABC):
 
     name: ClassVar[str]
     """Of one such thing, in lower case: part of reasons and of names in C."""
+
+    coverage: ClassVar[Coverage | None] = None
+    """What a plan promises that keeps its constraints; None where the level and forecast say."""
 
     @abstractmethod
     def bodies(self, robot: Robot) -> tuple[Body, ...]:

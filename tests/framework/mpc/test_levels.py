@@ -94,6 +94,10 @@ class Broken(LevelPolicy):
     tail: float = 0.05
     promise: Promise = "content"
 
+    @property
+    def coverage(self) -> object:
+        return "95 %" if self.law == "coverage is '95 %'" else None
+
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         good = np.full((steps, obstacles), region.level(self.tail, dimension))
         if self.law == "no level is below 0":
@@ -103,7 +107,9 @@ class Broken(LevelPolicy):
         return good.T if self.law == "levels are" else good
 
 
-@pytest.mark.parametrize("law", ["no level is below 0", "half the tail", "levels are"])
+@pytest.mark.parametrize(
+    "law", ["no level is below 0", "half the tail", "levels are", "coverage is '95 %'"]
+)
 def test_a_policy_that_breaks_a_law_is_told_which(law: str) -> None:
     check_level(Broken())
     with pytest.raises(AssertionError, match=law):

@@ -1,0 +1,42 @@
+"""Every promise is stated: the event, the probability, what it assumes, and where it is shown."""
+
+import pytest
+
+from wideberth.experiments.engine.provenance import bibliography
+from wideberth.framework.plugins.registry import load, names
+from wideberth.framework.values.coverage import Coverage, Event
+from wideberth.framework.values.errors import WideberthError
+
+STATED = {
+    ("levels", "fixed"): Event.STEP,
+    ("levels", "relaxed"): Event.STEP,
+    ("levels", "paper"): Event.STEP,
+    ("levels", "discounted"): Event.STEP,
+    ("levels", "risk_allocation"): Event.PLAN,
+    ("predictors", "conformal"): Event.STEP,
+    ("predictors", "adaptive_conformal"): Event.LONG_RUN,
+}
+
+
+@pytest.mark.parametrize(("room", "name"), STATED)
+def test_a_rung_states_its_event(room: str, name: str) -> None:
+    assert load(room, name).coverage.event is STATED[room, name]
+
+
+def test_every_source_of_a_promise_has_an_entry() -> None:
+    known = bibliography()
+    found = [
+        load(room, name).coverage for room in ("levels", "predictors") for name in names(room)
+    ]
+    assert {one.source for one in found if one} <= set(known)
+
+
+@pytest.mark.parametrize("name", names("levels"))
+def test_every_level_says_what_it_promises(name: str) -> None:
+    assert isinstance(load("levels", name).coverage, Coverage)
+
+
+def test_a_promise_without_words_is_refused() -> None:
+    for fields in (("", "b", "c"), ("a", " ", "c"), ("a", "b", "")):
+        with pytest.raises(WideberthError, match=r"coverage\.\w+ is empty"):
+            Coverage(Event.STEP, *fields)
