@@ -28,6 +28,7 @@ BUILT_IN: dict[str, str] = {
     "known_futures": f"{_HERE}.known_futures:KnownFutures",
     "nav2_rivals": f"{_HERE}.nav2_rivals:Nav2Rivals",
     "wheel_calibration": f"{_HERE}.wheel_calibration:WheelCalibration",
+    "guarantees": f"{_HERE}.guarantees:Guarantees",
 }
 """Name of a study -> where its class is."""
 

@@ -10,11 +10,12 @@ from typing import ClassVar, Self, final
 from ...framework import Fittable, Predictor, WideberthError, build, names
 from ...framework.plugins.registry import unknown
 from ..engine.closed_loop import group
+from .fitting import AS_GIVEN, NOTHING, fitted
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome
 from .prediction_data import PredictionData, SceneFiles, longest_stretch, usual_speed
 from .prediction_figures import prediction_pictures
 from .prediction_scores import LEVELS, calibration, run_along, table_rows
-from .prediction_tables import AS_GIVEN, FITTED, NOTHING, UNFITTED, primary_rows, summarised
+from .prediction_tables import primary_rows, summarised
 from .prediction_windows import Protocol, shown_windows, window_places
 from .region_family import rounded
 
@@ -184,7 +185,7 @@ class PredictionBenchmark(GridStudy):
         scene = self.data.found(self.only)[place]
         recordings = self.data.read(scene)
         begin = perf_counter()
-        predictor, fitted = self._fitted(name, place)
+        predictor, learnt_from = self._fitted(name, place)
         seconds = perf_counter() - begin
         shown = shown_windows(self.data, recordings[0], self.protocol, SHOWN)
         scores, effort, samples = run_along(predictor, recordings, self.data, self.protocol, shown)
@@ -193,7 +194,7 @@ class PredictionBenchmark(GridStudy):
         how: Row = {
             "protocol": self.protocol.text(dt),
             "speed_mps": rounded(usual_speed(recordings)),
-            "fitted": fitted,
+            "fitted": learnt_from,
             "noise": self.data.noise_text(recordings),
         }
         rows = [head | how | row for row in table_rows(scores, dt, self.protocol.speeds)]
@@ -208,18 +209,9 @@ class PredictionBenchmark(GridStudy):
             return predictor, NOTHING
         if not self.fit or name in self.as_given:
             return predictor, AS_GIVEN
-        training = self.data.training(scene, self.only)
         missing = ", ".join(self.data.missing() or ())
         lacking = f" ({missing} not there)" if missing else ""
-        if not training:
-            return predictor, f"{UNFITTED}: no other scene{lacking}"
-        try:
-            plural = "s" if len(training) > 1 else ""
-            text = f"{FITTED} {len(training)} recording{plural}{lacking}"
-            after = predictor.fit(training)
-            return after, NOTHING if after == predictor else text
-        except WideberthError as error:
-            return predictor, f"{UNFITTED}: {error}{lacking}"
+        return fitted(predictor, self.data.training(scene, self.only), lacking)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Means over the scenes, then every scene; see `summarised`."""

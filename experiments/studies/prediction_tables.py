@@ -7,6 +7,7 @@ import numpy as np
 from ...metrics.statistics import known_mean
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
+from .fitting import AS_GIVEN, FITTED, UNFITTED
 from .prediction_data import FAST
 from .region_family import rounded
 
@@ -19,8 +20,6 @@ MEANS = {
 """Columns of the summary that are means over the scenes -> columns of the table."""
 AREAS = ("area_m2", "area_90_m2", "area_mean_m2")
 """Columns of the table whose mean over the scenes, at the last step, is in the summary."""
-AS_GIVEN, NOTHING, FITTED, UNFITTED = "as given", "nothing to fit", "fitted to", "not fitted"
-"""Texts of the table's column ``fitted``, or how they begin."""
 
 
 def summarised(rows: list[Row]) -> list[Row]:

@@ -105,10 +105,6 @@ WALKER_RADIUS = 0.3
 """m, of a walker."""
 SPEED = 0.6
 """m/s, of the robot at time 0, and its reference speed."""
-DT = 0.5
-"""s, step of the model; between its instants walkers go straight."""
-
-
 @final
 @dataclass(frozen=True)
 class ModelCrowd(Scenario):
@@ -125,6 +121,7 @@ class ModelCrowd(Scenario):
     ----------
     motion : the model.
     before : s before time 0 at which the motion begins.
+    dt : s, step of the model; between its instants walkers go straight.
 
     Raises
     ------
@@ -133,9 +130,11 @@ class ModelCrowd(Scenario):
 
     motion: Motion = field(default_factory=WhiteAcceleration)
     before: float = 10.0
+    dt: float = 0.5
 
     def __post_init__(self) -> None:
         positive("model_crowd.before", self.before)
+        positive("model_crowd.dt", self.dt)
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Return the robot; its way is the same for every seed."""
@@ -145,8 +144,8 @@ class ModelCrowd(Scenario):
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[ReplayAgent, ...]:
         """Draw each walker's place at time 0 and its motion."""
-        begin = int(np.ceil(self.before / DT - 1e-9))
-        times = DT * np.arange(-begin, int(AFTER / DT) + 1, dtype=np.float64)
+        begin = int(np.ceil(self.before / self.dt - 1e-9))
+        times = self.dt * np.arange(-begin, int(AFTER / self.dt) + 1, dtype=np.float64)
         low, high = np.array([0.0, -ASIDE]), np.array([REACH, ASIDE])
         found = []
         for k in range(WALKERS):
@@ -155,7 +154,7 @@ class ModelCrowd(Scenario):
                 lambda at: float(np.hypot(*at)) >= ROOM,
                 f"walker {k + 1}; take less room or a longer reach",
             )
-            way = self.motion.walk(rng, len(times), DT)
+            way = self.motion.walk(rng, len(times), self.dt)
             way += place - way[begin]
             found.append(ReplayAgent(f"walker {k + 1}", times, way, WALKER_RADIUS))
         return tuple(found)

@@ -118,7 +118,7 @@ def test_the_config_states_each_model_to_its_predictor():
     assert isinstance(law, Autoregression)
     assert known.fitted.coefficients == law.coefficients
     assert known.fitted.innovation == law.innovation
-    assert known.fitted.dt == model_crowd.DT == experiment.planner.dt
+    assert known.fitted.dt == ModelCrowd().dt == experiment.planner.dt
     assert auto.settings.channel.noise == 0.0
     assert experiment.seeds >= 2000
 

@@ -1,0 +1,145 @@
+"""How often people leave the regions that plans were to keep clear of."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias, final
+
+import numpy as np
+
+from ...framework.mpc.levels.base import LevelPolicy
+from ...framework.region import Region
+from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.forecast import LIGHT, Forecast, GaussianObstacle
+from ...framework.values.plan import Plan
+from ..log.episode_log import Episode
+
+Whereabouts: TypeAlias = Mapping[str, Callable[[Array], Array]]
+"""Name of a person -> where they are at some times, (T,), s -> (T, D), m, NaN where absent."""
+
+
+def whereabouts(episode: Episode, others: Sequence[Any] = ()) -> Whereabouts:
+    """Return where all but the robots are.
+
+    Parameters
+    ----------
+    episode : its log knows people up to its end.
+    others : bystanders whose motion is known beyond it, such as `ReplayAgent`.
+    """
+    found: dict[str, Callable[[Array], Array]] = {
+        agent.name: lambda times, agent=agent: episode.at(agent, times)
+        for agent in episode.agents
+        if agent.kind != "robot"
+    }
+    return found | {one.name: one.at for one in others}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class KeptClear:
+    """What became of the regions of one plan's forecast, at the level that was aimed at.
+
+    Attributes
+    ----------
+    known : (O, N), whether it is known where the person was at the step.
+    outside : (O, N), whether they were outside all regions of the modes of their forecast.
+    radius : (O, N), m, of the disc as large as the regions of one person at one step.
+    uncovered : (N,), whether a person who was there, newcomers too, was outside the regions of
+        all people: where the distance to the nearest person was less than the plan reckoned with.
+    newcomers : people who appeared while the plan lasted, of whom it could know nothing.
+    """
+
+    known: BoolArray
+    outside: BoolArray
+    radius: Array
+    uncovered: BoolArray
+    newcomers: int
+
+    @classmethod
+    def of(
+        cls, plan: Plan, region: Region, level: LevelPolicy, people: Whereabouts
+    ) -> "KeptClear | None":
+        """Judge a plan by where people then were; None where its forecast has no person."""
+        forecast = plan.forecast
+        if forecast is None:
+            return None
+        rows = [o for o, name in enumerate(plan.tracked) if name in people]
+        if not rows:
+            return None
+        steps = min(forecast.steps, len(plan.positions) - 1)
+        times = plan.stamp + plan.dt * np.arange(1, steps + 1, dtype=np.float64)
+        names = [plan.tracked[o] for o in rows]
+        others = [name for name in people if name not in plan.tracked]
+        truth = np.array([people[name](times) for name in (*names, *others)])
+        there = np.isfinite(truth).all(axis=2)
+        regions = _Regions.of(forecast, rows, steps, region, level)
+        inside = regions.contain(truth)
+        own = inside[np.arange(len(rows)), np.arange(len(rows))]
+        known = there[: len(rows)]
+        return cls(
+            known=known,
+            outside=known & ~own,
+            radius=regions.radius,
+            uncovered=np.asarray((there & ~inside.any(axis=1)).any(axis=0), dtype=np.bool_),
+            newcomers=int(there[len(rows) :].any(axis=1).sum()),
+        )
+
+    def counts(self) -> dict[str, float]:
+        """Count steps, people and the plan itself, and those of each that were missed.
+
+        ``driven`` is the first step, which is driven before a new plan is made.
+        """
+        persons = self.known.any(axis=1)
+        there = float(persons.any())
+        return {
+            "steps": float(self.known.sum()),
+            "steps_missed": float(self.outside.sum()),
+            "persons": float(persons.sum()),
+            "persons_missed": float(self.outside.any(axis=1).sum()),
+            "plans": there,
+            "plans_missed": float(self.outside.any()),
+            "fields": there,
+            "fields_missed": float(self.uncovered.any()),
+            "driven": float(self.known[:, 0].any()),
+            "driven_missed": float(self.outside[:, 0].any()),
+            "plans_with_newcomers": float(self.newcomers > 0),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Regions:
+    """Regions of all modes of a forecast that plans heed.
+
+    Attributes
+    ----------
+    region : states them. numbers : (O, M, N, P), its parameters. level : (O, M, N).
+    heeded : (O, M, 1), modes that plans keep clear of.
+    """
+
+    region: Region
+    numbers: Array
+    level: Array
+    heeded: BoolArray
+
+    @classmethod
+    def of(
+        cls, forecast: Forecast, rows: list[int], steps: int, region: Region, level: LevelPolicy
+    ) -> "_Regions":
+        """Return those of some obstacles, at the levels of so many."""
+        mean, covariance = forecast.mean[rows, :, :steps], forecast.covariance[rows, :, :steps]
+        weight = forecast.weight[rows]
+        heeded = (weight >= LIGHT) | (weight == weight.max(axis=1, keepdims=True))
+        numbers = region.parameters(GaussianObstacle(mean, covariance), np.zeros(mean.shape[:3]))
+        levels = level.levels(region, steps, len(rows), mean.shape[-1]).T[:, None]
+        return cls(region, numbers, np.broadcast_to(levels, mean.shape[:3]), heeded[..., None])
+
+    def contain(self, places: Array) -> BoolArray:
+        """Whether each place is in a region of each obstacle, (P, N, D) -> (P, O, N)."""
+        held = self.region.contains(places[:, None, None], self.numbers, self.level)
+        return np.asarray((held & self.heeded).any(axis=2), dtype=np.bool_)
+
+    @property
+    def radius(self) -> Array:
+        """Radius of a disc as large as the regions of an obstacle at a step, (O, N), m."""
+        area = np.where(self.heeded, self.region.area(self.numbers, self.level), 0.0)
+        return np.asarray(np.sqrt(area.sum(axis=1) / np.pi))
