@@ -75,6 +75,7 @@ def condensed(rows: Sequence[Row]) -> Row:
         **{name: known_mean(column(rows, source)) for name, source in MEANS.items()},
         "frozen": float(column(rows, "frozen").mean()),
         "fallback_plans": float(column(rows, "fallbacks").sum() / plans) if plans else 0.0,
+        **infeasible(rows),
         "deadline_misses": int(column(rows, "deadline_misses").sum()),
         "errors": next((str(row["errors"]) for row in rows if row["errors"]), ""),
     }
@@ -82,6 +83,22 @@ def condensed(rows: Sequence[Row]) -> Row:
     judged = [name for name in rows[0] if name.startswith("judged_")]
     found = {name: _judgement([row[name] for row in rows]) for name in judged}
     return line | {name: value for name, value in found.items() if value is not None}
+
+
+def infeasible(rows: Sequence[Row]) -> Row:
+    """Successors of feasible decisions that are not, per 10 000: as found, and at the level aimed.
+
+    NaN where no decision follows a feasible one; see docs/metrics.md.
+    """
+    line: Row = {}
+    for lost, before in (
+        ("infeasible_successors", "feasible_successors"),
+        ("lowered_successors", "aimed_successors"),
+    ):
+        count = column(rows, before).sum()
+        share = column(rows, lost).sum() / count if count else float("nan")
+        line[f"{lost}_per_10000"] = float(1e4 * share)
+    return line
 
 
 def against(rows: Sequence[Row], others: Sequence[Row]) -> Row:

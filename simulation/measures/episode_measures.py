@@ -13,7 +13,7 @@ from ...metrics.episode import along_and_aside
 from ...metrics.gaps import gaps
 from ...metrics.statistics import known_mean
 from ..log.episode_log import AgentLog, Episode
-from .plan_calibration import promises
+from .plan_calibration import promises, successors
 from .summary import clearances
 
 WORDS = {"goals": "success", "time limit": "timeout"}
@@ -24,8 +24,8 @@ def measures(episode: Episode, tail: float, time_limit: float) -> dict[str, Any]
     """One row for the whole episode; docs/metrics.md lists every column.
 
     Of several robots a column is the mean over the robots for which it is known; the smallest
-    distance and time to collision are over all robots, contacts are summed, and the episode is
-    ``frozen`` if one robot was. A robot counts until it has reached its goal.
+    distance and time to collision are over all robots, contacts and successors are summed, and the
+    episode is ``frozen`` if one robot was. A robot counts until it has reached its goal.
 
     Parameters
     ----------
@@ -34,7 +34,12 @@ def measures(episode: Episode, tail: float, time_limit: float) -> dict[str, Any]
     time_limit : s, which an episode without success counts as.
     """
     rows = [
-        {**_motion(one), **_comfort(one), **promises(episode, one.log, tail)}
+        {
+            **_motion(one),
+            **_comfort(one),
+            **promises(episode, one.log, tail),
+            **successors(one.log.plans),
+        }
         for one in (Sampled.of(episode, log) for log in episode.robots)
     ]
     joined: dict[str, Any] = {}
@@ -184,5 +189,9 @@ _JOINED: dict[str, Callable[[Any], Any]] = {
     "plan_risk_max": max,
     "cross_track_max": max,
     "episode_touched": max,
+    "feasible_successors": _sum,
+    "infeasible_successors": _sum,
+    "aimed_successors": _sum,
+    "lowered_successors": _sum,
 }
 """How the values of several robots become one, where it is not the mean."""

@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from ...framework.values.arrays import Array, BoolArray
-from ...framework.values.plan import Plan
+from ...framework.values.plan import TOLERANCE, Plan
 from ...metrics import plan as metrics
 from ...metrics.statistics import known_mean
 from ..log.episode_log import AgentLog, Episode
@@ -97,6 +97,26 @@ def promises(episode: Episode, log: AgentLog, tail: float) -> dict[str, Any]:
         else float("nan"),
         "tail_nominal": known_mean(_joined([one.tail for one in driven])),
         "tail_observed": known_mean(_joined([one.outside for one in driven])),
+    }
+
+
+def successors(plans: Sequence[Plan]) -> dict[str, int]:
+    """Count feasible problems that are followed by infeasible ones: recursive feasibility.
+
+    A decision is feasible if its plan keeps every constraint, on whatever rung; one without a
+    plan that was checked is not. ``feasible_successors`` counts the decisions that follow a
+    feasible one, ``infeasible_successors`` those of them for which no such plan was found. For
+    ``aimed_successors`` and ``lowered_successors`` a plan also has to keep every region of the
+    level aimed at; where to keep less has a price, as `relaxed` has it, that is a choice.
+    """
+    kept = [plan.violation <= TOLERANCE for plan in plans]
+    aimed = [one and plan.given_way is None for one, plan in zip(kept, plans, strict=True)]
+    after, aimed_after = list(pairwise(kept)), list(pairwise(aimed))
+    return {
+        "feasible_successors": sum(before for before, _ in after),
+        "infeasible_successors": sum(before and not now for before, now in after),
+        "aimed_successors": sum(before for before, _ in aimed_after),
+        "lowered_successors": sum(before and not now for before, now in aimed_after),
     }
 
 

@@ -23,7 +23,8 @@ OF_PLANS = {
     "deadline_misses", "violation_worst", "named_forecasts", "coverage", "coverage_first",
     "coverage_last", "plan_change", "region_area", "plan_risk_mean", "plan_risk_max", "step_risk",
     "step_touched", "episode_risk", "episode_touched", "tail_nominal", "tail_observed",
-    "recoveries", "gave_up",
+    "recoveries", "gave_up", "feasible_successors", "infeasible_successors", "aimed_successors",
+    "lowered_successors",
 }  # fmt: skip
 """Columns about a controller's plans, which who drives from outside keeps."""
 PHYSICS = pytest.mark.skipif(not find_spec("mujoco"), reason="the extra `physics` is missing")

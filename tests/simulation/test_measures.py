@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.experiments.studies.episode_statistics import infeasible
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.framework.values.plan import GivenWay, Plan, Rung, Status
 from wideberth.metrics import comfort
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures.episode_measures import Sampled, measures
-from wideberth.simulation.measures.plan_calibration import Judged, promises
+from wideberth.simulation.measures.plan_calibration import Judged, promises, successors
 
 TIMES = np.linspace(0.0, 4.0, 41)
 EMPTY = CommandLog(np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
@@ -133,6 +134,30 @@ def test_promises_that_were_wrong(episode: Episode) -> None:
     assert row["step_touched"] == row["episode_touched"] == row["tail_observed"] == 1.0
     assert row["step_risk"] == row["episode_risk"] == row["region_area"] == 0.0
     assert np.isnan(row["plan_change"])
+
+
+def test_feasible_problems_followed_by_infeasible_ones_are_counted(episode: Episode) -> None:
+    """Of eight plans two break a constraint, one was held against nothing, one gives way."""
+    good = plan(0.0, np.zeros((3, 2)), np.zeros((2, 2)), CERTAIN, 0.95)
+    late = replace(good, rung=Rung.SHIFTED)  # a plan all the same
+    bad, unknown = replace(good, violation=0.2), replace(good, violation=np.nan)
+    low = replace(good, given_way=GivenWay(0.05, 0.3, "content", 2, "other"))
+    plans = (good, bad, late, good, unknown, bad, low, good)
+    found = {
+        "feasible_successors": 4, "infeasible_successors": 2,
+        "aimed_successors": 3, "lowered_successors": 2,
+    }  # fmt: skip
+    assert successors(plans) == found
+    log = replace(episode.robots[0], plans=plans)
+    twice = replace(log, name="another")
+    row = measures(replace(episode, agents=(log, twice, episode.agents[1])), 0.05, 60.0)
+    assert {name: row[name] for name in found} == {name: 2 * n for name, n in found.items()}
+    per = infeasible([row, {**row, "feasible_successors": 12, "aimed_successors": 14}])
+    assert per == {
+        "infeasible_successors_per_10000": pytest.approx(1e4 * 8 / 20),
+        "lowered_successors_per_10000": pytest.approx(1e4 * 8 / 20),
+    }
+    assert np.isnan(list(infeasible([{name: 0 for name in found}]).values())).all()
 
 
 def test_without_plans_nothing_is_promised(episode: Episode) -> None:
