@@ -3,9 +3,12 @@
 from ..framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
+    "acp": "wideberth.controllers.acp:AdaptiveConformalPlanner",
     "bilevel_orca": "wideberth.controllers.bilevel_orca:BilevelOrca",
+    "cc": "wideberth.controllers.cc:ConformalController",
     "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocityController",
     "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
+    "ecp": "wideberth.controllers.ecp:EgocentricConformalPlanner",
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
     "mpc": "wideberth.framework.mpc.planner.planner:Planner",
     "nav2": "wideberth.nav2.server.navigator:Nav2",

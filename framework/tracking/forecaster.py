@@ -24,16 +24,21 @@ class Forecaster:
     ----------
     predictor : of the people.
     period : s, that are meant to lie between observations.
+    dt : s between samples of the tracks. samples : their number.
     """
 
     predictor: Predictor
     period: float
+    dt: float = DT
+    samples: int = SAMPLES
     _perception: Perception = field(init=False, repr=False)
     _tracks: Tracks | None = field(default=None, init=False, repr=False)
     _scene: Scene = field(default_factory=Scene, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self._perception = Perception.initial(self.predictor, 2, DT, SAMPLES, self.period, KEPT)
+        self._perception = Perception.initial(
+            self.predictor, 2, self.dt, self.samples, self.period, KEPT
+        )
 
     def take(self, observation: Observation, here: Array, radius: float) -> tuple[str, ...]:
         """Take note of what a robot sees from ``here``, (2,) m; return what was wrong with it.
@@ -47,6 +52,11 @@ class Forecaster:
         self._scene = scene_of(observation, None, radius)
         self._perception = perception.learnt(self._tracks, self._scene)
         return notes
+
+    @property
+    def placeless(self) -> tuple[str, ...]:
+        """Names of those whom the last observation saw without a place."""
+        return self._perception.placeless
 
     def at(self, now: float, times: Array) -> tuple[Tracks, Forecast] | None:
         """Return the tracks so far, and the forecast from now on; None where no one is known.
