@@ -15,6 +15,7 @@ from ..mpc.ocp.transcription import Guess
 from ..mpc.slots.base import (
     LevelledKind,
     PlanningContext,
+    SidedKind,
     SlotAssignment,
     SlotKind,
     with_auxiliaries_each,
@@ -245,7 +246,7 @@ class Sample:
             f"{depths[wrong].max(initial=0.0):.2g} m deep, and no row is negative"
         )
 
-    @law("outside")
+    @law("outside", lambda kind: not isinstance(kind, SidedKind), "it keeps plans on one side")
     def outside_is_positive(self) -> None:
         """Far away and clear every inequality is positive; without levels, wherever it is clear.
 

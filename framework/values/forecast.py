@@ -191,14 +191,21 @@ class Forecast:
         from its own Gaussian, independent of the others (the marginals are right, the
         path is not).
         """
-        obstacles, modes, steps, size = self.mean.shape
+        obstacles, _, steps, size = self.mean.shape
         draws = np.empty((count, obstacles, steps, size))
         for o in range(obstacles):
-            chosen = rng.choice(modes, size=count, p=self.weight[o])
-            for m in range(modes):
-                rows = np.flatnonzero(chosen == m)
-                noise = rng.standard_normal((len(rows), steps * size))
-                draws[rows, o] = self.mean[o, m] + self._spread(o, m, noise)
+            draws[:, o] = self.sample_of(o, rng, count)
+        return draws
+
+    def sample_of(self, obstacle: int, rng: np.random.Generator, count: int) -> Array:
+        """Draw trajectories of one obstacle, (count, N, D), m; see `sample`."""
+        modes, steps, size = self.mean.shape[1:]
+        draws = np.empty((count, steps, size))
+        chosen = rng.choice(modes, size=count, p=self.weight[obstacle])
+        for m in range(modes):
+            rows = np.flatnonzero(chosen == m)
+            noise = rng.standard_normal((len(rows), steps * size))
+            draws[rows] = self.mean[obstacle, m] + self._spread(obstacle, m, noise)
         return draws
 
     def _spread(self, obstacle: int, mode: int, noise: Array) -> Array:

@@ -184,6 +184,9 @@ class Plan:
     tracked : identities of the forecast's obstacles, in its order.
     situation : the robot's body and the regions, for pictures; None where they are not known.
     fallbacks : per obstacle, why the named predictor was not used, or None.
+    risk : largest probability that an obstacle is met at any step of the whole plan, where a slot
+        kind promises one, as `wideberth.framework.mpc.slots.drawn_futures` does, and the plan
+        keeps all that it was made for; else nan. Obstacles left out are not counted.
     """
 
     stamp: float
@@ -209,6 +212,7 @@ class Plan:
     tracked: tuple[str, ...] = ()
     breach: Breach | None = None
     given_way: GivenWay | None = None
+    risk: float = float("nan")
 
     situation: Situation | None = field(default=None, repr=False)
 

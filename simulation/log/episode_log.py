@@ -245,7 +245,7 @@ _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
     *("states", "inputs", "positions", "reference", "auxiliaries", "level", "target", "content"),
 )
-_PLAN_NUMBERS = ("stamp", "dt", "violation", "cost")
+_PLAN_NUMBERS = ("stamp", "dt", "violation", "cost", "risk")
 
 
 class _Packer:

@@ -410,4 +410,5 @@ def _plan(rung: str, best: Candidate, words: list[str], trial: LadderInput, stam
         left_out=instance.around.left_out,
         breach=breach,
         given_way=levels.given_way,
+        risk=instance.around.risk if breach is None and levels.given_way is None else np.nan,
     )

@@ -2,7 +2,10 @@
 
 from ...plugins.lazy import lazy
 
-BUILT_IN = {"ways": "wideberth.framework.mpc.slots.ways:Ways"}
+BUILT_IN = {
+    "drawn_futures": "wideberth.framework.mpc.slots.drawn_futures:DrawnFutures",
+    "ways": "wideberth.framework.mpc.slots.ways:Ways",
+}
 """What a config may add: every planner has `GaussianDiscs` and `StaticPolygons`."""
 
 __getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

@@ -2,6 +2,7 @@
 # ruff: noqa
 # fmt: off
 
+from .drawn_futures import DrawnFutures as DrawnFutures
 from .ways import Ways as Ways
-__all__ = ['Ways']
+__all__ = ['DrawnFutures', 'Ways']
 BUILT_IN: dict[str, str]

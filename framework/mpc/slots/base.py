@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from inspect import getdoc
-from math import hypot
+from math import hypot, isnan
 from typing import Any, ClassVar, TypeAlias, final
 
 import numpy as np
@@ -168,6 +168,8 @@ class SlotAssignment:
     known : the things that plans are held against, see the kind.
     out_of_reach : those that need no slot, of a `LevelledKind`; None for none.
     lesser : names of slots between the things and the empty ones that a plan says no level of.
+    risk : largest probability that one of these things is met anywhere on a plan that keeps every
+        slot at the level aimed at; nan where a kind promises none of whole plans.
     """
 
     room: SlotSizes
@@ -177,6 +179,7 @@ class SlotAssignment:
     known: KnownObstacles
     out_of_reach: OutOfReach | None = None
     lesser: tuple[str, ...] = ()
+    risk: float = float("nan")
 
     @property
     def called(self) -> tuple[str, ...]:
@@ -247,6 +250,13 @@ class LevelledKind(SlotKind):
     @abstractmethod
     def tail(self, level: float, promise: Promise, dimension: int) -> float:
         """Probability that is not covered at a level; 1 below level 0."""
+
+
+class SidedKind(SlotKind):
+    """A kind that keeps plans on one side of each thing, that of the last plan.
+
+    Behind a thing, however far away, its inequalities are negative.
+    """
 
 
 class SelectiveKind(SlotKind):
@@ -328,6 +338,12 @@ class ActiveObstacles:
             for kind, one in zip(self.kinds, self.chosen, strict=True)
             if isinstance(kind, LevelledKind) and one.out_of_reach is not None
         )
+
+    @property
+    def risk(self) -> float:
+        """Risk of a plan that keeps every slot, of the kinds that promise one; nan for none."""
+        promised = [one.risk for one in self.chosen if not isnan(one.risk)]
+        return sum(promised) if promised else float("nan")
 
     def touched(self, states: Array) -> Touch:
         """Hold a plan's states (N + 1, n) against everything that is known, also between steps."""

@@ -29,6 +29,7 @@ from .base import (
     OutOfReach,
     PlanningContext,
     SlotAssignment,
+    SlotKind,
     SlotSizes,
     Touch,
     farthest,
@@ -293,7 +294,7 @@ class DiscNumbers(NamedTuple):
 class KnownDiscs(KnownObstacles):
     """Discs that have a slot, at the forecast's means, which are known at the steps alone."""
 
-    kind: "GaussianDiscs"
+    kind: SlotKind
     obstacles: ObstacleSet
     margin: float
 

@@ -27,6 +27,7 @@ from wideberth.framework.mpc.slots.base import (
     SlotSizes,
     Touch,
 )
+from wideberth.framework.mpc.slots.drawn_futures import DrawnFutures
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
 from wideberth.framework.mpc.slots.ways import Ways
@@ -61,6 +62,7 @@ KINDS: list[SlotKind] = [
     GaussianDiscs(MinkowskiSum()),
     Ways(MahalanobisEllipse()),
     Ways(MinkowskiSum()),
+    DrawnFutures(),
     StaticPolygons(StaticSeparatingLine()),
     StaticPolygons(Dual()),
     carts.Carts({"a": CART, "b": CART[:3], "c": CART}),

@@ -13,6 +13,7 @@ STATED = {
     ("levels", "paper"): Event.STEP,
     ("levels", "discounted"): Event.STEP,
     ("levels", "risk_allocation"): Event.PLAN,
+    ("slot_kinds", "drawn_futures"): Event.PLAN,
     ("predictors", "conformal"): Event.STEP,
     ("predictors", "adaptive_conformal"): Event.LONG_RUN,
 }
@@ -26,7 +27,9 @@ def test_a_rung_states_its_event(room: str, name: str) -> None:
 def test_every_source_of_a_promise_has_an_entry() -> None:
     known = bibliography()
     found = [
-        load(room, name).coverage for room in ("levels", "predictors") for name in names(room)
+        load(room, name).coverage
+        for room in ("levels", "predictors", "slot_kinds")
+        for name in names(room)
     ]
     assert {one.source for one in found if one} <= set(known)
 
