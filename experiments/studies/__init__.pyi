@@ -15,6 +15,7 @@ from .ellipse_construction import EllipseConstruction as EllipseConstruction
 from .encounter import Encounter as Encounter
 from .flight import Flight as Flight
 from .forecast_regions import ForecastRegions as ForecastRegions
+from .guarantees import Guarantees as Guarantees
 from .known_futures import KnownFutures as KnownFutures
 from .level_policies import LevelPolicies as LevelPolicies
 from .nav2_rivals import Nav2Rivals as Nav2Rivals
@@ -25,5 +26,5 @@ from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
 from .wheel_calibration import WheelCalibration as WheelCalibration
-__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'KnownFutures', 'LevelPolicies', 'Nav2Rivals', 'PlannerParts', 'PredictionBenchmark', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
+__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'Nav2Rivals', 'PlannerParts', 'PredictionBenchmark', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
 BUILT_IN: dict[str, str]
