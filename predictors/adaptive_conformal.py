@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ..framework.predictor import Adaptive, Fittable, Predictor
-from ..framework.tracking.windows import windows_of
+from ..framework.tracking.windows import Windows, windows_of
 from ..framework.values.arrays import Array, checked, positive, probability, whole
 from ..framework.values.coverage import Coverage, Event
 from ..framework.values.errors import WideberthError
@@ -17,7 +17,7 @@ from ..framework.values.tracks import Tracks
 from ..metrics.episode import content_bound
 from ..metrics.scoring import reached_tail
 from .core.calibration import replayed, same_step, scaled, squared_distances
-from .core.history import IntArray, gather
+from .core.history import FILTERED, Histories, IntArray, gather
 from .corrected import Corrected, thinned
 from .interacting_models import InteractingModels
 
@@ -40,7 +40,7 @@ class Pending:
     ----------
     stamp : s, of the newest sample that it was made from.
     ids : of the obstacles.
-    kind : class of speed of each.
+    kind : class of each.
     mean, covariance, weight : as in `Forecast`, covariances as stated, scale and all.
     """
 
@@ -64,7 +64,8 @@ class Online:
     ----------
     stamp : s, of the newest sample used.
     dt : s, between the steps.
-    log_scale : (C * N,), of the covariance of each step, the slowest class first.
+    log_scale : (C * N,), of the covariance of each step, the slowest class first, and last that
+        of those who have just appeared.
     pending : oldest first; at most one per 0.9 steps of the horizon.
     """
 
@@ -83,7 +84,8 @@ class AdaptiveConformal(Adaptive, Fittable):
 
     Each class c of speed has its scales: forecasts of people who stand err less than those of
     people who walk, and a rate that holds for both together holds for neither. The speed is that
-    of the base's forecast over its first steps, in which measurement noise is filtered. Whenever
+    of the base's forecast over its first steps, in which measurement noise is filtered. Who has
+    just appeared, with a single sample, shows no speed, and is of the last class. Whenever
     truth arrives for step h of earlier forecasts of n obstacles of a class, miss_i is 1 where it
     lies outside of the region of content 1 - tail that was stated, scale included, else 0. Of
     several modes that is the region of highest density, as everywhere that forecasts are scored;
@@ -99,11 +101,11 @@ class AdaptiveConformal(Adaptive, Fittable):
     long-run rate per class and step; it says nothing of a single moment, of all steps
     together, or of an episode.
 
-    `update` makes the forecasts that it will judge; those of obstacles seen at the newest
-    sample for ``observed`` samples in a row are kept. Truth is looked up by identity at the
-    time it falls due (linear between two samples where updates come off the grid) and lost if
-    the obstacle is not there. A clock that goes back or another dt starts anew. On another time
-    grid scales are interpolated.
+    `update` makes the forecasts that it will judge: those of all obstacles seen at the newest
+    sample (for ``observed`` samples in a row), so that the rate is one of all that a planner is
+    given. Truth is looked up by identity at the time it falls due (linear between two samples
+    where updates come off the grid) and lost if the obstacle is not there. A clock that goes back
+    or another dt starts anew. On another time grid scales are interpolated.
 
     Without a fit it starts from l = 0. `fit` fits the base and starts from where the recordings
     would have l: the logarithm of the (1 - tail) quantile of the squared Mahalanobis distances
@@ -118,7 +120,8 @@ class AdaptiveConformal(Adaptive, Fittable):
     rate : of adaptation. One miss of a lone obstacle widens the variance by the factor
         exp(rate (1 - tail)), one hit narrows it by exp(-rate tail). Small follows slowly, large
         makes scales restless and their regions larger on average.
-    observed : samples in a row that an obstacle must have been seen for its forecast to count.
+    observed : samples in a row that an obstacle must have been seen for its forecast to count;
+        by default all count who are seen.
     steps : ahead, each with a scale of its own; later ones share the last.
     speeds : m/s, bounds between the classes, increasing; none for one class.
     start, start_dt : what `fit` has learnt, in the order of `Online.log_scale`, and its dt, s.
@@ -138,7 +141,7 @@ class AdaptiveConformal(Adaptive, Fittable):
     base: Predictor = field(default_factory=lambda: Corrected(InteractingModels()))
     tail: float = 0.05
     rate: float = 0.1
-    observed: int = 8
+    observed: int = 1
     steps: int = 12
     speeds: tuple[float, ...] = (0.1, 0.5, 1.5)
     start: tuple[float, ...] | None = None
@@ -166,8 +169,13 @@ class AdaptiveConformal(Adaptive, Fittable):
         if (self.start is None) != (self.start_dt is None):
             raise WideberthError("adaptive_conformal.start and start_dt belong together")
         if self.start is not None:
-            checked("adaptive_conformal.start", self.start, (len(bounds) * self.steps,))
+            checked("adaptive_conformal.start", self.start, (self.classes * self.steps,))
             positive("adaptive_conformal.start_dt", self.start_dt or 0.0)
+
+    @property
+    def classes(self) -> int:
+        """C: those of speed, and that of who has just appeared."""
+        return len(self.speeds) + 2
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Fit the base, where it can be fitted, and learn where the scales start.
@@ -185,17 +193,17 @@ class AdaptiveConformal(Adaptive, Fittable):
         for scene, windows in zip(dataset, found, strict=True):
             some = thinned(windows)
             if len(some):
-                mean, covariance, weight = replayed(base, scene, some)
+                mean, covariance, weight = replayed(base, scene, some, FILTERED)
                 scores.append(squared_distances(mean, covariance, weight, some.future))
-                newest = some.tracks.positions[:, -1]
-                kinds.append(self._kinds(mean, weight, newest, scene.dt))
+                past = gather(_with_past(scene, some))
+                kinds.append(self._kinds(mean, weight, past, scene.dt))
                 weights.append(np.full(len(some), 1.0 / len(some)))
         limit = content_bound(dataset[0].dimension, self.tail)
         start = _starts(
             np.concatenate(scores) / limit,
             np.concatenate(kinds),
             np.concatenate(weights),
-            len(self.speeds) + 1,
+            self.classes,
             1.0 - self.tail,
         )
         return replace(self, base=base, state=None, start=start, start_dt=dataset[0].dt)
@@ -207,27 +215,27 @@ class AdaptiveConformal(Adaptive, Fittable):
     def _stated(
         self, tracks: Tracks, steps: int, scene: Scene | None
     ) -> tuple[Forecast, IntArray]:
-        """Return the scaled forecast and the class of speed of each obstacle."""
+        """Return the scaled forecast and the class of each obstacle."""
         forecast = self.base.predict(tracks, steps, scene)
-        newest = gather(tracks).origin
-        kinds = self._kinds(forecast.mean, forecast.weight, newest, tracks.dt)
+        kinds = self._kinds(forecast.mean, forecast.weight, gather(tracks), tracks.dt)
         if self.state is not None:
             known, dt = self.state.log_scale, self.state.dt
         elif self.start is not None and self.start_dt is not None:
             known, dt = self.start, self.start_dt
         else:
             return forecast, kinds
-        table = np.exp(known).reshape(len(self.speeds) + 1, self.steps)
+        table = np.exp(known).reshape(self.classes, self.steps)
         return scaled(forecast, table[kinds], dt, tracks), kinds
 
-    def _kinds(self, mean: Array, weight: Array, newest: Array, dt: float) -> IntArray:
-        """Class of speed of each obstacle, (O,), from its forecast."""
+    def _kinds(self, mean: Array, weight: Array, past: Histories, dt: float) -> IntArray:
+        """Class of each obstacle, (O,), from its forecast and its history."""
         centre = np.einsum("om,omnd->ond", weight, mean[:, :, :2])
         if centre.shape[1] == 1:
-            centre = np.stack([newest, centre[:, 0]], axis=1)
+            centre = np.stack([past.origin, centre[:, 0]], axis=1)
         speed = np.linalg.norm(centre[:, -1] - centre[:, 0], axis=1) / dt
         kinds = np.searchsorted(np.array(self.speeds), speed, side="right")
-        return np.asarray(kinds, dtype=np.int64)
+        appeared = past.samples == 1
+        return np.where(appeared, len(self.speeds) + 1, kinds).astype(np.int64)
 
     def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
         """Learn from forecasts that have fallen due, then forecast; see `Adaptive.update`."""
@@ -266,10 +274,10 @@ class AdaptiveConformal(Adaptive, Fittable):
             state is None
             or abs(state.dt - tracks.dt) > slack
             or tracks.stamp < state.stamp - slack
-            or len(state.log_scale) != (len(self.speeds) + 1) * self.steps
+            or len(state.log_scale) != self.classes * self.steps
         ):
             return Online(tracks.stamp, tracks.dt, self.first(tracks.dt))
-        balance = np.zeros((len(self.speeds) + 1, self.steps))
+        balance = np.zeros((self.classes, self.steps))
         count = np.zeros_like(balance)
         place = {ident: index for index, ident in enumerate(tracks.ids)}
         for one in state.pending:
@@ -292,10 +300,9 @@ class AdaptiveConformal(Adaptive, Fittable):
 
     def first(self, dt: float) -> tuple[float, ...]:
         """Log scales before anything was seen to happen."""
-        count = len(self.speeds) + 1
         if self.start is None or self.start_dt is None:
-            return (0.0,) * (count * self.steps)
-        learnt = np.reshape(self.start, (count, self.steps))
+            return (0.0,) * (self.classes * self.steps)
+        learnt = np.reshape(self.start, (self.classes, self.steps))
         grid = np.arange(1.0, self.steps + 1)
         rows = [np.interp(dt * grid, self.start_dt * grid, row) for row in learnt]
         return tuple(np.concatenate(rows).tolist())
@@ -318,6 +325,13 @@ class AdaptiveConformal(Adaptive, Fittable):
             )
         kinds = np.array(one.kind, dtype=np.int64)[rows]
         return kinds, np.asarray(tails[:, 0] < self.tail, dtype=np.float64)
+
+
+def _with_past(scene: Tracks, windows: Windows) -> Tracks:
+    """Tracks of windows with what was seen before them, as far back as filters look."""
+    rows = windows.row[:, None] + np.arange(1 - FILTERED, 1)
+    before = scene.positions[windows.obstacle[:, None], np.maximum(rows, 0)]
+    return replace(windows.tracks, positions=np.where((rows >= 0)[..., None], before, np.nan))
 
 
 def _starts(

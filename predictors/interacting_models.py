@@ -59,6 +59,14 @@ class ModeBank:
         """F_j kron F_j, (M, S^2, S^2)."""
         return np.stack([np.kron(transition, transition) for transition in self.transition])
 
+    @cached_property
+    def usual(self) -> Array:
+        """Probability of each model in the long run, (M,): mu = switching' mu, sum 1."""
+        count = len(self.switching)
+        balance = np.concatenate([self.switching.T - np.eye(count), np.ones((1, count))])
+        share, *_ = np.linalg.lstsq(balance, np.eye(count + 1)[count], rcond=None)
+        return np.asarray(np.maximum(share, np.exp(FAINTEST)))
+
 
 @dataclass(frozen=True, eq=False)
 class ModelBeliefs:
@@ -135,8 +143,8 @@ def updated(beliefs: ModelBeliefs, measured: Array, variance: Array) -> ModelBel
 def filter_modes(past: Histories, noise: Array, bank: ModeBank, speed: float) -> ModelBeliefs:
     """Filter all histories from their first sample on; missing ones are predicted over.
 
-    All models start equally likely with the first sample as position, covariance R, and the
-    velocity 0 with ``speed``^2 I (m/s).
+    Each model starts as likely as it is in the long run (`ModeBank.usual`), with the first sample
+    as position, covariance R, and the velocity 0 with ``speed``^2 I (m/s).
 
     Parameters
     ----------
@@ -150,7 +158,7 @@ def filter_modes(past: Histories, noise: Array, bank: ModeBank, speed: float) ->
     spread = np.concatenate([variance.T, np.full((states - size, count), speed**2)])
     first = np.eye(states)[:, :, None, None] * np.repeat(spread[:, None], modes, axis=1)
     beliefs = start = ModelBeliefs(
-        np.full((modes, count), 1.0 / modes), np.zeros((states, modes, count)), first
+        np.repeat(bank.usual[:, None], count, axis=1), np.zeros((states, modes, count)), first
     )
     for column in range(rows):
         ahead = stepped(beliefs, bank)
@@ -283,8 +291,8 @@ class InteractingModels(Fittable):
     down at once), and one that stopped goes on by either of the others alike. At each step
     the states of the models are mixed (omega_ij = pi_ij mu_i / c_j), predicted, updated, and
     the model probabilities weighted by the likelihoods, mu_j = c_j Lambda_j / sum
-    (`mixed`, `updated`). All start equally likely, as `kalman` does. Missing samples are
-    predicted over.
+    (`mixed`, `updated`). They start as likely as they are in the long run: who has only just
+    appeared is not one in three to stop. Missing samples are predicted over.
 
     The forecast, by ``modes``:
 
@@ -310,7 +318,9 @@ class InteractingModels(Fittable):
     braking : s.
     dwell : s.
     stopping : of all switches from a model that moves, the share to the one that stops.
-    speed : m/s per axis, standard deviation of the first velocity.
+    speed : m/s per axis, standard deviation of the first velocity; 95 % are then slower than
+        2.0 m/s. Of people who had just appeared 95 % went less than 6.6 to 9.2 m in 4.8 s on
+        recordings of five sites.
     noise_floor : m, added in quadrature to the measurement noise.
     modes : see above.
 
@@ -330,7 +340,7 @@ class InteractingModels(Fittable):
     braking: float = 0.5
     dwell: float = 10.0
     stopping: float = 0.1
-    speed: float = 1.0
+    speed: float = 0.8
     noise_floor: float = 0.01
     modes: Literal["merged", "kept"] = "merged"
 

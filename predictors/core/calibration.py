@@ -74,8 +74,10 @@ def _scaled_joint(forecast: Forecast, scale: Array) -> Array:
     return np.asarray(forecast.joint * (root[:, :, None] * root[:, None, :])[:, None])
 
 
-def replayed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Array, Array, Array]:
-    """Forecast every window from all samples observed up to its newest row.
+def replayed(
+    predictor: Predictor, scene: Tracks, windows: Windows, length: int | None = None
+) -> tuple[Array, Array, Array]:
+    """Forecast every window from the samples observed up to its newest row.
 
     Row by row and with all obstacles present there, so that a predictor which looks at
     neighbours sees the true ones.
@@ -86,18 +88,19 @@ def replayed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Arr
     scene : the whole recording that the windows were cut from, or one with more tracks
         whose ``obstacle`` numbers mean the same.
     windows : at least one.
+    length : rows of past, the newest included; by default those of the windows.
 
     Returns
     -------
     mean (W, M, N, D), covariance (W, M, N, D, D) and weight (W, M), in the windows' order.
     M is the most modes of any row; missing ones repeat the first with weight 0.
     """
-    length, steps = windows.tracks.positions.shape[1], windows.future.shape[1]
+    own, steps = windows.tracks.positions.shape[1], windows.future.shape[1]
     parts: list[tuple[Array, Array, Array]] = []
     order = np.argsort(windows.row, kind="stable")
     starts = np.flatnonzero(np.diff(windows.row[order], prepend=-1))
     for chosen in np.split(order, starts[1:]):
-        now, present = seen_at(scene, int(windows.row[chosen[0]]), length)
+        now, present = seen_at(scene, int(windows.row[chosen[0]]), length or own)
         forecast = predictor.predict(now, steps)
         place = np.searchsorted(present, windows.obstacle[chosen])
         parts.append((forecast.mean[place], forecast.covariance[place], forecast.weight[place]))

@@ -17,6 +17,7 @@ from wideberth.predictors.adaptive_conformal import (
     _starts,
 )
 from wideberth.predictors.constant_velocity import ConstantVelocity
+from wideberth.predictors.core.history import gather
 from wideberth.predictors.static import Static
 
 
@@ -59,7 +60,7 @@ def test_a_fit_takes_the_class_of_speed_from_the_newest_sample_on() -> None:
     scene = tracks_of(walks, stamp=9.5)
     both = AdaptiveConformal(Static(), observed=4, steps=1, speeds=(0.5,)).fit([scene])
     whole = AdaptiveConformal(Static(), observed=4, steps=1, speeds=()).fit([scene])
-    assert whole.start is not None and both.start == whole.start * 2
+    assert whole.start is not None and both.start == whole.start[:1] * 3
 
 
 def test_the_weighted_quantile_against_its_definition() -> None:
@@ -85,7 +86,7 @@ def test_a_class_starts_by_its_own_windows_where_it_has_a_hundred() -> None:
 
 def test_the_class_is_that_of_the_mean_speed_of_the_forecast() -> None:
     own = AdaptiveConformal(Static(), speeds=(0.5, 1.5))
-    newest = np.array([[0.0, 1.0]] * 3)
+    past, new = (gather(tracks_of(np.array([[[0.0, 1.0]] * n] * 3), 0.0)) for n in (2, 1))
     for steps, times in ((1, [1.0]), (4, [1.0, 2.0, 9.0, 9.0])):
         mean = np.zeros((3, 2, steps, 2))
         for o, (one, two) in enumerate(((0.25, 0.5), (0.375, 0.875), (1.0, 3.0))):
@@ -94,7 +95,9 @@ def test_the_class_is_that_of_the_mean_speed_of_the_forecast() -> None:
         weight = np.tile([0.75, 0.25], (3, 1))
         # Mean displacements 0.3125, 0.5 and 1.5 m in 0.5 s, and in 1 s.
         for dt, wanted in ((0.5, [1, 1, 2]), (1.0, [0, 1, 2]), (1.001, [0, 0, 1])):
-            assert own._kinds(mean, weight, newest, dt).tolist() == wanted
+            assert own._kinds(mean, weight, past, dt).tolist() == wanted
+            once = own._kinds(mean, weight, new, dt).tolist()
+            assert once == [3, 3, 3], "of a single sample no speed is known"
 
 
 def test_a_start_is_the_quantile_of_the_distances_over_that_of_chi_square() -> None:
@@ -130,18 +133,19 @@ def test_scales_are_those_learnt_last_else_those_of_the_fit() -> None:
     scene.positions[1, :, 0] = 2.0 * np.arange(4.0)
     walking = ConstantVelocity(window=1)
     base = walking.predict(scene, 3).covariance[:, 0]
-    start = (0.1, 0.2, 0.3, 1.1, 1.2, 1.3)
+    start = (0.1, 0.2, 0.3, 1.1, 1.2, 1.3, 2.1, 2.2, 2.3)
     fit = AdaptiveConformal(walking, steps=3, speeds=(0.5,), start=start, start_dt=0.5)
     other = Online(1.5, 0.5, tuple(2.0 * value for value in start))
     for own, factor in ((fit, 1.0), (replace(fit, state=other), 2.0)):
         found = own.predict(scene, 3).covariance[:, 0]
-        scale = np.exp(factor * np.reshape(start, (2, 3)))
+        scale = np.exp(factor * np.reshape(start, (3, 3))[:2])
         np.testing.assert_allclose(found, base * scale[..., None, None])
     plain = AdaptiveConformal(walking, steps=3, speeds=(0.5,))
     np.testing.assert_array_equal(plain.predict(scene, 3).covariance[:, 0], base)
-    assert plain.first(0.5) == (0.0,) * 6 and fit.first(0.5) == start
-    np.testing.assert_allclose(fit.first(0.75), [0.15, 0.3, 0.3, 1.15, 1.3, 1.3])
-    np.testing.assert_allclose(fit.first(0.3), [0.1, 0.12, 0.18, 1.1, 1.12, 1.18])
+    assert plain.first(0.5) == (0.0,) * 9 and fit.first(0.5) == start
+    later, sooner = np.array([0.15, 0.3, 0.3]), np.array([0.1, 0.12, 0.18])
+    np.testing.assert_allclose(np.reshape(fit.first(0.75), (3, 3)), later + np.arange(3)[:, None])
+    np.testing.assert_allclose(np.reshape(fit.first(0.3), (3, 3)), sooner + np.arange(3)[:, None])
 
 
 def test_who_is_known_when_a_step_falls_due_is_inside_or_outside() -> None:

@@ -54,7 +54,7 @@ def filterpy_bank(bank, noise, first, speed):
         one.P = np.diag(np.r_[np.zeros(size), np.full(size, speed**2)])
         one.P[:size, :size] = noise
         filters.append(one)
-    return IMMEstimator(filters, np.full(len(filters), 1 / len(filters)), bank.switching)
+    return IMMEstimator(filters, bank.usual, bank.switching)
 
 
 @pytest.mark.parametrize("size", [2, 3])
@@ -107,6 +107,28 @@ def test_without_a_measurement_only_the_chain_moves_the_probabilities():
     blind = past.__class__(past.origin, past.positions, unseen, past.began, past.late)
     long = filter_modes(blind, noise, bank, 1.0).weight[:, 0]
     np.testing.assert_allclose(long, short @ np.linalg.matrix_power(bank.switching, 4), atol=1e-12)
+
+
+@pytest.mark.parametrize(("dt", "stopping"), [(0.4, 0.1), (0.05, 0.3), (30.0, 1e-300)])
+def test_the_models_start_as_likely_as_in_the_long_run(dt, stopping):
+    """Flows balance: each moving model leaves for the stopping one at a share, which leaves."""
+    bank = InteractingModels(stopping=stopping).bank(dt, 2)
+    np.testing.assert_allclose(bank.usual @ bank.switching, bank.usual, atol=1e-12)
+    share = stopping / (1.0 + stopping)
+    np.testing.assert_allclose(bank.usual, [0.5 - share / 2, 0.5 - share / 2, share], atol=1e-12)
+    past = gather(tracks_of(np.ones((1, 1, 2))))
+    weight = filter_modes(past, tracks_of(np.ones((1, 1, 2))).noise, bank, 1.0).weight[:, 0]
+    np.testing.assert_array_equal(weight, bank.usual)
+    assert (weight > 0.0).all()
+
+
+def test_who_was_seen_twice_is_expected_to_walk_on():
+    """Two samples at 1.3 m/s: of 6.2 m in 4.8 s, stopping takes its share and no third."""
+    path = 1.3 * DT * np.arange(2.0)[:, None] * np.array([1.0, 0.0])
+    forecast = InteractingModels().predict(tracks_of([path]), 12)
+    gone = forecast.mean[0, 0, -1, 0] - path[-1, 0]
+    assert 0.8 * 6.24 < gone < 6.24
+    assert np.sqrt(np.trace(forecast.covariance[0, 0, -1]) / 2) < 1.8
 
 
 def enumerated(beliefs, bank, size, steps):
@@ -247,7 +269,7 @@ def test_who_is_seen_for_the_first_time_has_the_trackers_velocity() -> None:
     found, without = (own.predict(one, steps) for one in (tracks, seen_once(False)))
     bank = own.bank(tracks.dt, 2)
     assert tracks.velocity is not None and tracks.state_covariance is not None
-    np.testing.assert_allclose(found.weight[0], 1.0 / 3.0)
+    np.testing.assert_allclose(found.weight[0], bank.usual)
     for mode, (transition, process) in enumerate(bank.models):
         state = np.array([1.0, 2.0, *tracks.velocity[0]])
         spread = tracks.state_covariance[0]

@@ -79,12 +79,51 @@ def test_who_stands_and_who_walks_are_covered_alike() -> None:
     for speeds in ((), (0.4,)):
         made = AdaptiveConformal(Straight(), rate=0.2, observed=2, steps=STEPS, speeds=speeds)
         after, held = played(made, scene)
-        assert after.state is not None and len(after.state.log_scale) == (len(speeds) + 1) * STEPS
+        assert after.state is not None and len(after.state.log_scale) == (len(speeds) + 2) * STEPS
         covers[speeds] = held[:, :10].mean(), held[:, 10:].mean()
     assert covers[()][0] > 0.995 and covers[()][1] < 0.92
     assert all(abs(cover - 0.95) < 0.015 for cover in covers[(0.4,)])
-    scales = np.reshape(after.state.log_scale, (2, STEPS))
+    scales = np.reshape(after.state.log_scale, (3, STEPS))
     assert (scales[0] < scales[1] - 2).all()
+
+
+def appearing(rng: np.random.Generator, rows: int) -> Tracks:
+    """Ten who stand, and at every second row one who walks in and is seen for six rows."""
+    stand = drifting(rng, 10, rows, 0.0, 0.03)
+    walks = np.full((rows // 2, rows, 2), np.nan)
+    for one, walk in enumerate(walks):
+        walk[2 * one : 2 * one + 6] = drifting(rng, 1, 6, 1.2, 0.1)[0, : rows - 2 * one]
+    return tracks_of(np.concatenate([stand, walks]))
+
+
+@final
+@dataclass(frozen=True)
+class OnceSeen(Predictor):
+    """Stays where it is, with the deviation of a walker if seen once, else of one who stands."""
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        known = np.isfinite(tracks.positions).all(axis=2)
+        wide = np.where(known.sum(axis=1) == 1, 0.3, 0.1)[:, None] * np.arange(1.0, steps + 1)
+        mean = np.repeat(np.nan_to_num(tracks.positions[:, -1:]), steps, axis=1)
+        return Forecast.single(mean, (wide**2)[..., None, None] * np.eye(2), tracks.dt)
+
+
+def test_who_has_just_appeared_has_a_scale_of_his_own() -> None:
+    """He shows no speed: with those who stand, who hardly move, he would lose his region."""
+    scene = appearing(np.random.default_rng(5), 600)
+    predictor = AdaptiveConformal(OnceSeen(), rate=0.1, steps=2, speeds=(5.0,))
+    inside = []
+    for row in range(600 - 2):
+        seen, present = seen_at(scene, row, 8)
+        predictor = predictor.update(seen)
+        new = np.isfinite(seen.positions).all(axis=2).sum(axis=1) == 1
+        if row > 200 and new.any():
+            forecast = predictor.predict(seen, 2)
+            gap = scene.positions[present, row + 1] - forecast.mean[:, 0, 0]
+            square = np.sum(gap[new] ** 2, axis=1) / forecast.covariance[new, 0, 0, 0, 0]
+            inside += (square <= -2 * np.log(0.05)).tolist()
+    assert len(inside) > 190
+    assert abs(np.mean(inside) - 0.95) < 0.03
 
 
 def test_a_fit_starts_where_the_recordings_are_covered() -> None:
@@ -94,7 +133,7 @@ def test_a_fit_starts_where_the_recordings_are_covered() -> None:
     unfitted = AdaptiveConformal(Straight(), observed=2, steps=STEPS, speeds=(0.4, 3.0))
     fitted = unfitted.fit(scenes)
     assert fitted.start is not None and fitted.start_dt == DT
-    start = np.reshape(fitted.start, (3, STEPS))
+    start = np.reshape(fitted.start, (4, STEPS))
     windows = cut_windows(scenes[0], 2, STEPS)
     forecast = fitted.predict(windows.tracks, STEPS)
     gap = windows.future - forecast.mean[:, 0]
@@ -102,23 +141,24 @@ def test_a_fit_starts_where_the_recordings_are_covered() -> None:
     stands = windows.obstacle < 20
     for own in (stands, ~stands):
         assert abs((square[own] <= -2 * np.log(0.05)).mean(axis=0) - 0.95).max() < 0.02
-    assert np.allclose(start[2], _pooled(unfitted, scenes), atol=1e-9), "nobody is that fast"
+    for none in (2, 3):  # none is that fast, and all have been seen twice
+        assert np.allclose(start[none], _pooled(unfitted, scenes), atol=1e-9)
     learnt = fitted.update(windows.tracks.select([0]))
     assert learnt.state is not None and np.allclose(learnt.state.log_scale, fitted.start)
 
 
 def _pooled(predictor: AdaptiveConformal, scenes: list[Tracks]) -> Array:
-    return np.reshape(replace(predictor, speeds=()).fit(scenes).start, STEPS)
+    return np.reshape(replace(predictor, speeds=()).fit(scenes).start, (2, STEPS))[0]
 
 
 def test_a_start_is_saved(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    made = AdaptiveConformal(Straight(), steps=1, speeds=(), start=(0.5,), start_dt=0.4)
+    made = AdaptiveConformal(Straight(), steps=1, speeds=(), start=(0.5, 0.6), start_dt=0.4)
     plain = replace(made, base=ConstantVelocity())
     save_plugin(tmp_path / "a.json", "predictor", plain)
     assert load_plugin(tmp_path / "a.json", "predictor") == plain
     for bad, words in (
         ({"start_dt": None}, "belong together"),
-        ({"start": (1.0, 2.0)}, r"adaptive_conformal\.start"),
+        ({"start": (1.0, 2.0, 3.0)}, r"adaptive_conformal\.start"),
         ({"speeds": (0.5, 0.1)}, "increasing"),
     ):
         with pytest.raises(WideberthError, match=words):

@@ -97,7 +97,7 @@ def constants(one: ExportedPlanner) -> list[Define]:
     if conformal is not None:
         found += [
             ("CONFORMAL_STEPS", conformal.steps, ""),
-            ("CONFORMAL_CLASSES", len(conformal.speeds) + 1, ""),
+            ("CONFORMAL_CLASSES", conformal.classes, ""),
             ("CONFORMAL_PENDING", ceil(conformal.steps / 0.9), ""),
             ("CONFORMAL_OBSERVED", conformal.observed, ""),
         ]
@@ -180,18 +180,18 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
 
 
 def _matrices(one: ExportedPlanner) -> tuple[Any, ...]:
-    """Transitions, process covariances and switching of the models; of one axis of a Kalman."""
+    """Transitions, process covariances, switching and start of the models; of a Kalman's axis."""
     planner, base = one.planner, base_of(one.planner.predictor)
     known: Any = base
     if describe(base)["type"] == "kalman":
         model = known.model(planner.track_dt)
-        return [model.transition], [model.process], np.ones((1, 1))
+        return [model.transition], [model.process], np.ones((1, 1)), np.ones(1)
     bank = known.bank(planner.track_dt, planner.robot.dimension)
-    return bank.transition, bank.process, bank.switching
+    return bank.transition, bank.process, bank.switching, bank.usual
 
 
 def _of_models(one: ExportedPlanner) -> list[str]:
-    transition, process, switching = _matrices(one)
+    transition, process, switching, usual = _matrices(one)
     if len(transition) == 1:
         ((first, both), (_, second)) = process[0]
         return [_array("PROCESS", [first, both, second])]
@@ -199,6 +199,7 @@ def _of_models(one: ExportedPlanner) -> list[str]:
         _array("TRANSITION", transition),
         _array("PROCESS", process),
         _array("SWITCHING", switching),
+        _array("USUAL", usual),
     ]
 
 

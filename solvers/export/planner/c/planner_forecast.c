@@ -257,7 +257,7 @@ static void begun(const double *place, const double *variance, struct beliefs *f
     int j, a;
     memset(found, 0, sizeof(*found));
     for (j = 0; j < M; j++) {
-        found->weight[j] = 1.0 / M;
+        found->weight[j] = PLAN_USUAL[j];
         for (a = 0; a < 2; a++) {
             found->state[j][a] = place[a];
             found->covariance[j][a][a] = variance[a];
@@ -375,14 +375,16 @@ static double slack_of(const struct tracks *tracks)
     return fmax(1e-6 * PLAN_TRACK_DT, 4.0 * spacing(tracks->stamp));
 }
 
-/* Class of speed of an obstacle, from its forecast. */
-static int kind_of(const double (*mean)[2], int steps, const double *origin)
+/* Class of an obstacle: that of its speed, from its forecast; the last if it has just appeared. */
+static int kind_of(const double (*mean)[2], int steps, const struct past *past)
 {
-    const double *first = steps > 1 ? mean[0] : origin, *second = steps > 1 ? mean[1] : mean[0];
+    const double *first = steps > 1 ? mean[0] : past->origin;
+    const double *second = steps > 1 ? mean[1] : mean[0];
     const double x = second[0] - first[0], y = second[1] - first[1];
     const double speed = sqrt(x * x + y * y) / PLAN_TRACK_DT;
     int kind = 0;
-    while (kind < CLASSES - 1 && PLAN_CONFORMAL_SPEEDS[kind] <= speed) kind++;
+    if (past->samples == 1) return CLASSES - 1;
+    while (kind < CLASSES - 2 && PLAN_CONFORMAL_SPEEDS[kind] <= speed) kind++;
     return kind;
 }
 
@@ -408,7 +410,7 @@ static int stated_one(const struct learnt *learnt, const struct track *track, in
 {
     int h, k, kind;
     predict_one(track, steps, past, mean, covariance);
-    kind = kind_of((const double (*)[2])mean, steps, past->origin);
+    kind = kind_of((const double (*)[2])mean, steps, past);
     for (h = 0; h < steps; h++) {
         const double time = PLAN_TRACK_DT * (past->late + h + 1);
         const double scale = scale_at(learnt->logarithm[kind], time);
