@@ -13,7 +13,7 @@ from ...metrics.episode import along_and_aside
 from ...metrics.gaps import gaps
 from ...metrics.statistics import known_mean
 from ..log.episode_log import AgentLog, Episode
-from .plan_calibration import promises, successors
+from .plan_calibration import between_steps, promises, successors
 from .summary import clearances
 
 WORDS = {"goals": "success", "time limit": "timeout"}
@@ -38,6 +38,7 @@ def measures(episode: Episode, tail: float, time_limit: float) -> dict[str, Any]
             **_motion(one),
             **_comfort(one),
             **promises(episode, one.log, tail),
+            **between_steps(one.log.plans),
             **successors(one.log.plans),
         }
         for one in (Sampled.of(episode, log) for log in episode.robots)
@@ -189,6 +190,7 @@ _JOINED: dict[str, Callable[[Any], Any]] = {
     "plan_risk_max": max,
     "cross_track_max": max,
     "episode_touched": max,
+    "between_depth": max,
     "feasible_successors": _sum,
     "infeasible_successors": _sum,
     "aimed_successors": _sum,

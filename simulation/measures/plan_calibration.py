@@ -7,6 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
+from ...framework.mpc.slots.between_steps import ENTERED, plan_between
 from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.plan import TOLERANCE, Plan
 from ...metrics import plan as metrics
@@ -97,6 +98,21 @@ def promises(episode: Episode, log: AgentLog, tail: float) -> dict[str, Any]:
         else float("nan"),
         "tail_nominal": known_mean(_joined([one.tail for one in driven])),
         "tail_observed": known_mean(_joined([one.outside for one in driven])),
+    }
+
+
+def between_steps(plans: Sequence[Plan]) -> dict[str, float]:
+    """Entries into regions between the steps of plans that enter none at their steps.
+
+    ``between_share`` is the share of these plans with an entry deeper than 1 mm, and
+    ``between_depth`` the deepest one, m; NaN where nothing is known of any plan, see
+    `wideberth.framework.mpc.slots.between_steps`.
+    """
+    found = [plan_between(plan) for plan in plans if plan.violation <= TOLERANCE]
+    depths = np.array([one.max(initial=0.0) for one in found if one is not None])
+    return {
+        "between_share": known_mean((depths > ENTERED).astype(np.float64)),
+        "between_depth": float(depths.max()) if depths.size else float("nan"),
     }
 
 

@@ -24,7 +24,7 @@ OF_PLANS = {
     "coverage_last", "plan_change", "region_area", "plan_risk_mean", "plan_risk_max", "step_risk",
     "step_touched", "episode_risk", "episode_touched", "tail_nominal", "tail_observed",
     "recoveries", "gave_up", "feasible_successors", "infeasible_successors", "aimed_successors",
-    "lowered_successors",
+    "lowered_successors", "between_share", "between_depth",
 }  # fmt: skip
 """Columns about a controller's plans, which who drives from outside keeps."""
 PHYSICS = pytest.mark.skipif(not find_spec("mujoco"), reason="the extra `physics` is missing")

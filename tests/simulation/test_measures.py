@@ -11,11 +11,17 @@ from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import GivenWay, Plan, Rung, Status
+from wideberth.framework.values.plan import GivenWay, Plan, Rung, Situation, Status
 from wideberth.metrics import comfort
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures.episode_measures import Sampled, measures
-from wideberth.simulation.measures.plan_calibration import Judged, promises, successors
+from wideberth.simulation.measures.plan_calibration import (
+    Judged,
+    between_steps,
+    promises,
+    successors,
+)
 
 TIMES = np.linspace(0.0, 4.0, 41)
 EMPTY = CommandLog(np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
@@ -158,6 +164,27 @@ def test_feasible_problems_followed_by_infeasible_ones_are_counted(episode: Epis
         "lowered_successors_per_10000": pytest.approx(1e4 * 8 / 20),
     }
     assert np.isnan(list(infeasible([{name: 0 for name in found}]).values())).all()
+
+
+def test_entries_between_steps_are_those_of_plans_that_keep_their_regions(
+    episode: Episode,
+) -> None:
+    """Of a disc of radius 1 m around one who stands, a chord of 1.2 m loses 0.2 m."""
+    path = episode.robots[0].paths[0][1]
+    around = Situation(MahalanobisEllipse(), 0.5, np.array([0.5]), 0.5, path=path)
+    stands = np.zeros((3, 2))
+    chord = np.array([[-1.8, 0.8], [-0.6, 0.8], [0.6, 0.8], [1.8, 0.8]])
+    passes = replace(plan(0.0, chord, stands, CERTAIN, 0.95), situation=around)
+    clear = replace(
+        plan(0.0, chord + np.array([0.0, 0.3]), stands, CERTAIN, 0.95), situation=around
+    )
+    broken, unknown = replace(passes, violation=0.2), replace(passes, situation=None)
+    found = between_steps((passes, clear, clear, broken, unknown))
+    assert found == {
+        "between_share": pytest.approx(1.0 / 3.0),
+        "between_depth": pytest.approx(0.2),
+    }
+    assert np.isnan(list(between_steps((broken, unknown)).values())).all()
 
 
 def test_without_plans_nothing_is_promised(episode: Episode) -> None:

@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ...plugins.config import build, describe
 from ...predictor import Predictor
+from ...region import Convex
 from ...values.errors import WideberthError
 from ...values.forecast import Forecast, Scene
 from ...values.plan import TOLERANCE, Status
@@ -16,7 +19,9 @@ from ..planner.cycle import ProblemCache, Solved
 from ..planner.settings import PlannerSettings
 from ..planner.verify import violation
 from ..planner.watchdog import SAME
-from ..slots.base import SlotSizes
+from ..slots.base import SlotSizes, farthest
+from ..slots.between_steps import ENTERED, entered_between
+from ..slots.gaussian_discs import GaussianDiscs
 from ..solver import Solution, Solver, solve_cheapest
 
 _ROWS = 8
@@ -162,7 +167,7 @@ class SolveRecord:
             ),
             f"{plugs}; N = {len(self.point.inputs)}, {counts}",
         ]
-        return "\n".join([*lines, *self._broken()])
+        return "\n".join([*lines, *self._broken(), *self._between()])
 
     def _broken(self) -> list[str]:
         """Table of what the plan taken breaks, worst first."""
@@ -179,6 +184,26 @@ class SolveRecord:
             return [f"the plan taken keeps every constraint of the problem{level}"]
         table = [f"  {what} by {amount:.3g} at step {step}" for amount, what, step in broken]
         return ["the plan taken breaks, each at its worst step:", *table[:_ROWS]]
+
+    def _between(self) -> list[str]:
+        """Say which region the plan taken enters most between two steps, if it does."""
+        settings, numbers, point = self._planner(), self.parameters.slots[0], self.point
+        kind, robot = settings.kinds[0], settings.robot
+        if not (isinstance(kind, GaussianDiscs) and isinstance(kind.region, Convex)):
+            return []
+        if numbers.level is None or robot.dimension != 2 or farthest(kind.bodies(robot)) > 0.0:
+            return []
+        held = numbers.level if np.isnan(point.level) else np.full_like(numbers.level, point.level)
+        places = robot.pose(tuple(point.states[:, : len(robot.states)].T)).points()
+        depth = entered_between(kind.region, places, numbers.parameters, held) * numbers.active
+        if depth.max(initial=0.0) <= ENTERED:
+            return []
+        step, slot = divmod(int(depth.argmax()), depth.shape[1])
+        name = self.names[slot]
+        return [
+            f"between its steps it enters the region of {name!r} by {depth.max():.2g} m, on the "
+            f"way to step {step + 2}"
+        ]
 
     def _planner(self) -> PlannerSettings:
         unknown = f"{NotKept.__module__}:{NotKept.__qualname__}"

@@ -4,6 +4,7 @@ from ...plugins.lazy import lazy
 
 BUILT_IN = {
     "drawn_futures": "wideberth.framework.mpc.slots.drawn_futures:DrawnFutures",
+    "between_steps": "wideberth.framework.mpc.slots.between_steps:BetweenSteps",
     "ways": "wideberth.framework.mpc.slots.ways:Ways",
 }
 """What a config may add: every planner has `GaussianDiscs` and `StaticPolygons`."""

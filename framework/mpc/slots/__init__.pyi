@@ -2,7 +2,8 @@
 # ruff: noqa
 # fmt: off
 
+from .between_steps import BetweenSteps as BetweenSteps
 from .drawn_futures import DrawnFutures as DrawnFutures
 from .ways import Ways as Ways
-__all__ = ['DrawnFutures', 'Ways']
+__all__ = ['BetweenSteps', 'DrawnFutures', 'Ways']
 BUILT_IN: dict[str, str]

@@ -446,3 +446,26 @@ class GaussianDiscs(LevelledKind, GaussianKind):
                 f"{shown}.",
             ]
         )
+
+
+class OfDiscs(LevelledKind):
+    """A kind that takes the place of `GaussianDiscs` and keeps out of the same region."""
+
+    region: Region
+
+    @property
+    def discs(self) -> GaussianDiscs:
+        """The kind whose place it takes."""
+        return GaussianDiscs(self.region)
+
+    def bodies(self, robot: Robot) -> tuple[Body, ...]:
+        """Return the bodies of `GaussianDiscs`."""
+        return self.discs.bodies(robot)
+
+    def levels(self, policy: LevelPolicy, steps: int, count: int, dimension: int) -> Array:
+        """Levels that the policy aims at with this region."""
+        return self.discs.levels(policy, steps, count, dimension)
+
+    def tail(self, level: float, promise: Promise, dimension: int) -> float:
+        """Tail of the region at a level."""
+        return self.discs.tail(level, promise, dimension)

@@ -10,25 +10,23 @@ from ...robot import Robot
 from ...values.arrays import Array, Scalar, positive
 from ...values.errors import WideberthError
 from ...values.motion import Pose
-from ..levels.base import LevelPolicy, Promise, SharedLevel
-from ..ocp.bodies import Body
+from ..levels.base import LevelPolicy, SharedLevel
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.stage import Frame, slots
 from .base import (
     CAPACITIES,
-    LevelledKind,
     PlanningContext,
     SelectiveKind,
     SlotAssignment,
     SlotSizes,
     next_capacity,
 )
-from .gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet, fill
+from .gaussian_discs import KnownDiscs, ObstacleSet, OfDiscs, fill
 
 
 @final
 @dataclass(frozen=True)
-class Ways(LevelledKind, SelectiveKind):
+class Ways(OfDiscs, SelectiveKind):
     """Obstacles of the forecast, and behind them their ways: a slot for each mode of each.
 
     In a planner's ``further_kinds`` it takes the place of `GaussianDiscs`, whose name it has. A
@@ -130,15 +128,6 @@ class Ways(LevelledKind, SelectiveKind):
         spread /= count[:, None, None, None]
         return replace(discs, mean=mean, covariance=spread)
 
-    @property
-    def discs(self) -> GaussianDiscs:
-        """The kind without ways."""
-        return GaussianDiscs(self.region)
-
-    def bodies(self, robot: Robot) -> tuple[Body, ...]:
-        """Return the bodies of `GaussianDiscs`."""
-        return self.discs.bodies(robot)
-
     def slots(self, room: SlotSizes, frame: Frame) -> Slots:
         """State that every body is outside of the region, at the price that is the last number."""
         size, region = frame.robot.dimension, self.region
@@ -181,14 +170,6 @@ class Ways(LevelledKind, SelectiveKind):
         """Best auxiliaries of the region, whatever the price."""
         plain = replace(numbers, parameters=numbers.parameters[..., :-1])
         return self.discs.auxiliary_start(robot, pose, plain)
-
-    def levels(self, policy: LevelPolicy, steps: int, count: int, dimension: int) -> Array:
-        """Levels that the policy aims at with this region."""
-        return self.discs.levels(policy, steps, count, dimension)
-
-    def tail(self, level: float, promise: Promise, dimension: int) -> float:
-        """Tail of the region at a level."""
-        return self.discs.tail(level, promise, dimension)
 
     def explanation(self, dimension: int) -> str:
         """Quote the region, and say what the last number is."""
