@@ -40,7 +40,7 @@ HALF = 0.5
 """Share of the gap between the last plan and an obstacle that the obstacle gets for nothing."""
 SUPPORT = 20
 """Draws that hold the half-planes of a plan among a few people; fewer scenarios than leave the
-tail asked for with these are refused."""
+risk asked for with these are refused."""
 DEVIATIONS = 2.0
 """Size of the ellipse whose normal the half-planes take."""
 NOTHING = Auxiliary((), (), ())
@@ -76,7 +76,7 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
 
     **Discarding.** Of the scenarios that hold half-planes the one is discarded first whose
     half-planes lie deepest over the reference (the sum of squares), while k + R stays at or below
-    the largest for the tail asked for, also if each half-plane it held gets a holder of its own.
+    the largest for the risk asked for, also if each half-plane it held gets a holder of its own.
     The choice looks at the holders alone: a rule that looked at the runners-up would need them in
     the count.
 
@@ -85,14 +85,14 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
 
     Parameters
     ----------
-    tail : risk aimed at for the whole plan and all obstacles, in (0, 1).
+    risk : aimed at for the whole plan and all obstacles, in (0, 1).
     doubt : beta, share of plans that may risk more than they say, in (0, 1).
     scenarios : S.
     seed : of the draws; with stamp and name of the obstacle it fixes them.
 
     Raises
     ------
-    WideberthError : a number out of range, or too few scenarios for this tail.
+    WideberthError : a number out of range, or too few scenarios for this risk.
 
     References
     ----------
@@ -100,7 +100,7 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
     Probability of Collision", 2023 (arXiv 2307.01070).
     """
 
-    tail: float = 0.1
+    risk: float = 0.1
     doubt: float = 0.01
     scenarios: int = 1000
     seed: int = 0
@@ -115,14 +115,14 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
     )
 
     def __post_init__(self) -> None:
-        probability("drawn_futures.tail", self.tail)
+        probability("drawn_futures.risk", self.risk)
         probability("drawn_futures.doubt", self.doubt)
         whole("drawn_futures.scenarios", self.scenarios)
         whole("drawn_futures.seed", self.seed, least=0)
-        if largest_support(self.tail, self.scenarios, self.doubt) < SUPPORT:
-            wanted = scenarios_wanted(self.tail, SUPPORT, self.doubt)
+        if largest_support(self.risk, self.scenarios, self.doubt) < SUPPORT:
+            wanted = scenarios_wanted(self.risk, SUPPORT, self.doubt)
             raise WideberthError(
-                f"drawn_futures.scenarios is {self.scenarios}; a tail of {self.tail:g} with doubt "
+                f"drawn_futures.scenarios is {self.scenarios}; a risk of {self.risk:g} with doubt "
                 f"{self.doubt:g} wants at least {wanted}, of which {SUPPORT} hold a plan"
             )
 
@@ -224,7 +224,7 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
         ``over`` is how far each passes c, (S, N, O), and ``depth`` how far c lies over the
         reference, (N, O).
         """
-        shape, most = depth.shape, largest_support(self.tail, self.scenarios, self.doubt)
+        shape, most = depth.shape, largest_support(self.risk, self.scenarios, self.doubt)
         cells = over.reshape(len(over), -1)
         passed = np.flatnonzero(cells.max(axis=0, initial=0.0) > 0.0)
         some, deep = cells[:, passed], depth.ravel()[passed]
@@ -258,8 +258,8 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
         return np.ones((steps, count))
 
     def tail(self, level: float, promise: Promise, dimension: int) -> float:
-        """Return tail^(s^2), as the content of a Gaussian ellipse would fall; 1 below level 0."""
-        return float(self.tail ** (level * level)) if level >= 0.0 else 1.0
+        """Return risk^(s^2), as the content of a Gaussian ellipse would fall; 1 below level 0."""
+        return float(self.risk ** (level * level)) if level >= 0.0 else 1.0
 
     def explanation(self, dimension: int) -> str:
         """Say what a slot holds."""

@@ -22,7 +22,7 @@ from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.robots.unicycle import Unicycle
 
-ROBOT, KIND = Unicycle(radius=0.4), DrawnFutures(tail=0.2, doubt=0.1, scenarios=400)
+ROBOT, KIND = Unicycle(radius=0.4), DrawnFutures(risk=0.2, doubt=0.1, scenarios=400)
 
 
 def view_of(seed: int, people: int = 4) -> PlanningContext:
@@ -61,7 +61,7 @@ def test_fresh_futures_break_half_planes_no_more_often_than_promised() -> None:
         more += found > risk_of_support(holding + discarded, KIND.scenarios, KIND.doubt)
         alone = risk_of_support(holding, KIND.scenarios, KIND.doubt)
         more_unless_discards_count += found > alone
-        assert holding + discarded <= largest_support(KIND.tail, KIND.scenarios, KIND.doubt)
+        assert holding + discarded <= largest_support(KIND.risk, KIND.scenarios, KIND.doubt)
     assert more <= binom.ppf(0.999, runs, KIND.doubt)
     assert more_unless_discards_count > binom.ppf(0.999, runs, KIND.doubt)
 
@@ -108,10 +108,10 @@ def test_an_own_error_of_place_widens_the_room() -> None:
 
 def test_too_few_scenarios_are_refused_with_the_number_wanted() -> None:
     with pytest.raises(WideberthError, match=r"scenarios is 300; .* wants at least 385,"):
-        DrawnFutures(tail=0.1, doubt=0.01, scenarios=300)
-    DrawnFutures(tail=0.1, doubt=0.01, scenarios=385)
+        DrawnFutures(risk=0.1, doubt=0.01, scenarios=300)
+    DrawnFutures(risk=0.1, doubt=0.01, scenarios=385)
     with pytest.raises(WideberthError, match=r"scenarios is 384"):
-        DrawnFutures(tail=0.1, doubt=0.01, scenarios=384)
+        DrawnFutures(risk=0.1, doubt=0.01, scenarios=384)
 
 
 def planner(**changes: object) -> Planner:
@@ -143,8 +143,8 @@ def test_a_plan_says_what_it_risks_and_keeps_it() -> None:
     drive(made, 0.6, 6)
     plan, kind = made.plan, DrawnFutures()
     assert plan is not None and plan.rung == "optimal" and plan.forecast is not None
-    assert 0.0 < plan.risk <= kind.tail
-    assert plan.lowest_content == pytest.approx(1.0 - kind.tail)
+    assert 0.0 < plan.risk <= kind.risk
+    assert plan.lowest_content == pytest.approx(1.0 - kind.risk)
     fresh = plan.forecast.sample(np.random.default_rng(1), 20_000)[:, 0]
     apart = np.linalg.norm(fresh - plan.positions[1:], axis=2)
     assert (apart < 0.6 + made.margin - 1e-3).any(axis=1).mean() <= plan.risk
