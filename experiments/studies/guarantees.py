@@ -303,7 +303,8 @@ def promised(planner: Planner) -> tuple[Coverage, float]:
     """
     for part in (*planner.further_kinds, planner.predictor, planner.level):
         if part.coverage is not None:
-            return part.coverage, float(describe(part)["tail"])
+            stated = describe(part)
+            return part.coverage, float(stated["risk" if "risk" in stated else "tail"])
     raise WideberthError("neither predictor nor level of the planner states a coverage")
 
 
