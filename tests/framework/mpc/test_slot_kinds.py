@@ -102,6 +102,10 @@ class Spoilt(LevelledKind):
     def name(self) -> str:  # type: ignore[override]
         return self.named
 
+    @property
+    def coverage(self) -> Any:  # type: ignore[override]
+        return self._told("coverage", None, None)
+
     def _told(self, method: str, found: Any, given: Any) -> Any:
         return self.spoil(found, given) if method == self.method else found
 
@@ -172,6 +176,7 @@ def in_their_order(chosen: SlotAssignment, view: PlanningContext) -> SlotAssignm
 
 BROKEN: dict[str, list[Spoilt]] = {
     "name": [Spoilt("", max, "Big Cart"), Spoilt("", max, "level")],
+    "what it promises is stated": [Spoilt("coverage", lambda one, _: "all people")],
     "sizes": [
         Spoilt("slots", lambda one, _: replace(one, width=one.width + 1)),
         Spoilt("slots", lambda one, _: replace(one, levelled=False)),
