@@ -29,6 +29,7 @@ BUILT_IN: dict[str, str] = {
     "nav2_rivals": f"{_HERE}.nav2_rivals:Nav2Rivals",
     "wheel_calibration": f"{_HERE}.wheel_calibration:WheelCalibration",
     "guarantees": f"{_HERE}.guarantees:Guarantees",
+    "reacting_calibration": f"{_HERE}.reacting_calibration:ReactingCalibration",
 }
 """Name of a study -> where its class is."""
 

@@ -81,7 +81,7 @@ class SimulatedPlace:
         driver = ConstantVelocityController(robot=robot)
         seeds = range(APART, APART + self.learning)
         played = (play(self.scenario, robot, driver, self.settings, seed) for seed in seeds)
-        return [_seen(episode, dt, self.settings.channel.noise) for episode in played]
+        return [seen_tracks(episode, dt, self.settings.channel.noise) for episode in played]
 
 
 @final
@@ -350,7 +350,7 @@ def _share(name: str, rows: list[Row], counted: str) -> Row:
     return {name: share, f"{name}_low": low, f"{name}_high": high}
 
 
-def _seen(episode: Episode, dt: float, noise: float) -> Tracks:
+def seen_tracks(episode: Episode, dt: float, noise: float) -> Tracks:
     """Return the people of an episode at a step of its own, with the noise of detections."""
     others = [agent for agent in episode.agents if agent.kind != "robot"]
     times = np.arange(episode.times[0], episode.duration + 1e-9, dt)
