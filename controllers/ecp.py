@@ -1,5 +1,6 @@
 """Egocentric conformal prediction in a planner that samples paths (ECP)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, final
 
@@ -85,7 +86,7 @@ class EgocentricConformalPlanner(SampledController):
             before, past = self._decided_at.get(seen.row - step), self._seen.get(seen.row - step)
             if before is None or past is None:
                 continue
-            score = _score(before.points[:, step], seen, past, step)
+            score = _scores(before.points[:, step], [(seen, past)], step)[:, 0]
             share = float(np.mean(before.margin[:, step - 1] < score))
             self._alpha[step - 1] += self.rate * (self.tail - share)
         self._seen[seen.row] = seen
@@ -113,13 +114,10 @@ class EgocentricConformalPlanner(SampledController):
         # As many rows for every step: those for which all forecasts have fallen due.
         rows = [row for row in self._seen if all(row - i in self._seen for i in self._steps())]
         for step in self._steps() if rows else ():
-            some = [
-                _score(points[:, step], self._seen[row], self._seen[row - step], step)
-                for row in sorted(rows)[-self.window :]
-            ]
-            margin[:, step - 1] = self._quantile(
-                np.stack(some, axis=-1), step, margin[:, step - 1]
-            )
+            newest = sorted(rows)[-self.window :]
+            pairs = [(self._seen[row], self._seen[row - step]) for row in newest]
+            scores = _scores(points[:, step], pairs, step)
+            margin[:, step - 1] = self._quantile(scores, step, margin[:, step - 1])
         return margin
 
     def _steps(self) -> range:
@@ -138,17 +136,28 @@ class EgocentricConformalPlanner(SampledController):
         return bound if rank > count else np.asarray(np.sort(scores, axis=1)[:, rank - 1])
 
 
-def _score(points: Array | Singles, seen: SeenPeople, past: SeenPeople, step: int) -> Array:
-    """Return how much nearer people are to some points than was forecast, (P,), m.
+def _scores(points: Singles, pairs: Sequence[tuple[SeenPeople, SeenPeople]], step: int) -> Array:
+    """Return how much nearer people were to some points than was forecast, (P, n).
 
     Parameters
     ----------
-    points : (P, 2), m. seen : the people now. past : ``step`` instants ago.
+    points : (P, 2), m. pairs : n instants, and what was seen ``step`` instants before.
     """
-    now, forecast, radius = seen.with_past(past, step)
-    if not len(now):
-        return np.zeros(len(points))
-    true, said = (
-        clearance(points[:, None], one[:, None], radius)[:, 0] for one in (now, forecast)
-    )
-    return np.maximum(said - true, 0.0)
+    scores = np.zeros((len(points), len(pairs)))
+    found = [now.with_past(past, step) for now, past in pairs]
+    known = [k for k, (now, _, _) in enumerate(found) if len(now)]
+    if known:
+        starts = np.cumsum([0, *(len(found[k][0]) for k in known[:-1])])
+        radius = np.concatenate([found[k][2] for k in known])
+        gaps = (
+            _gaps(points, np.concatenate([found[k][i] for k in known]), radius) for i in (0, 1)
+        )
+        true, said = (np.minimum.reduceat(one, starts, axis=1) for one in gaps)
+        scores[:, known] = np.maximum(said - true, 0.0)
+    return scores
+
+
+def _gaps(points: Singles, people: Array, radius: Array) -> Array:
+    """Return distances from points (P, 2) to discs (K, 2), (P, K), m."""
+    along, aside = (points[:, None, axis] - people[:, axis] for axis in (0, 1))
+    return np.sqrt(along**2 + aside**2) - radius
