@@ -12,6 +12,7 @@ from ...controllers.constant_velocity import ConstantVelocityController
 from ...framework import Controller, Fittable, Robot, Tracks, WideberthError
 from ...framework.controller import driving
 from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.slots.base import SlotKind
 from ...framework.plugins.config import describe
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import Recording
@@ -20,7 +21,7 @@ from ...framework.values.coverage import Coverage, Event
 from ...metrics.statistics import known_mean
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
-from ...simulation.measures.kept_clear import KeptClear, whereabouts
+from ...simulation.measures.kept_clear import KeptClear, people_of
 from ...simulation.measures.summary import summarise, time_rows
 from ...simulation.scenarios.base import Scenario
 from ...simulation.scenarios.recorded_scene import SCENES, RecordedScene
@@ -48,7 +49,7 @@ MISSES = {
 }
 """Event -> what is counted, and missed, of it."""
 STEPS_SHOWN = ("first", "middle", "last")
-SUMS = ("steps", "persons", "plans", "fields", "driven")
+SUMS = ("steps", "persons", "plans", "fields", "meetings", "driven")
 
 
 @final
@@ -93,9 +94,10 @@ class Guarantees(GridStudy):
     predictor or its level. For every plan, the regions that its forecast has at the level aimed at
     are held against the true positions at the plan's steps. A person is missed where they are
     outside of their regions; a plan where any person is at any step; a field where any person,
-    newcomers too, is outside of the regions of all; an episode where any of its plans is. People
-    whom the plan could not know of count for the field alone. Regions count without the radii of
-    robot and people, and as aimed at: where a level gave way the plan kept less.
+    newcomers too, is outside of the regions of all; an episode where any of its plans is; and a
+    meeting where the plan, driven to its end, would touch a person. People whom the plan could
+    not know of count for the field alone. Regions count without the radii of robot and people,
+    and as aimed at: where a level gave way the plan kept less.
 
     ``missed`` is the share missed of what the planner's own event counts, to be held against
     ``promise``. Intervals of 95 % are from a bootstrap over blocks: of simulated people an
@@ -251,8 +253,7 @@ class Guarantees(GridStudy):
         ]
 
     def _line(self, planner: Planner, rows: list[Row]) -> Row:
-        coverage, tail = promised(planner)
-        counted = MISSES[coverage.event]
+        coverage, tail, counted = promised(planner)
         line: Row = {
             "event": coverage.event.name.lower(),
             "promise": tail,
@@ -260,7 +261,7 @@ class Guarantees(GridStudy):
             "episodes": len(rows),
             "fitted": rows[0]["fitted"],
         }
-        for name in ("steps", "persons", "plans", "fields"):
+        for name in SUMS[:-1]:
             line |= _share(f"{name}_missed", rows, name)
         line |= {
             "episodes_missed_driving": float(np.mean(column(rows, "driven_missed") > 0)),
@@ -291,11 +292,12 @@ class Guarantees(GridStudy):
         return reduced(small, planners=3, seeds=2, starts=2)
 
 
-def promised(planner: Planner) -> tuple[Coverage, float]:
-    """Return the contract behind a planner's regions, and the probability that it leaves open.
+def promised(planner: Planner) -> tuple[Coverage, float, str]:
+    """Return the contract behind a planner, the probability that it leaves open, and what counts.
 
-    That of its predictor where it has one, since it says what the level's tail is worth; else that
-    of the level.
+    It is that of a kind of slots where one has a contract, of which meetings count, since it
+    speaks of the plan itself; else that of the predictor, which says what the level's tail is
+    worth; else that of the level.
 
     Raises
     ------
@@ -304,15 +306,22 @@ def promised(planner: Planner) -> tuple[Coverage, float]:
     for part in (*planner.further_kinds, planner.predictor, planner.level):
         if part.coverage is not None:
             stated = describe(part)
-            return part.coverage, float(stated["risk" if "risk" in stated else "tail"])
+            if isinstance(part, SlotKind):
+                return part.coverage, float(stated["risk"]), "meetings"
+            return part.coverage, float(stated["tail"]), MISSES[part.coverage.event]
     raise WideberthError("neither predictor nor level of the planner states a coverage")
 
 
 def judged(episode: Episode, planner: Planner, others: Sequence[Any]) -> Row:
     """Return what an episode says of the promises of its robot's plans."""
-    people = whereabouts(episode, others)
     (log,) = episode.robots
-    of_plan = partial(KeptClear.of, region=planner.region, level=planner.level, people=people)
+    of_plan = partial(
+        KeptClear.of,
+        region=planner.region,
+        level=planner.level,
+        people=people_of(episode, others),
+        radius=log.radius,
+    )
     found = [one for one in map(of_plan, log.plans) if one is not None]
     counts = [one.counts() for one in found]
     row: Row = {name: sum(one[name] for one in counts) for name in _COLUMNS}

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias, final
+from functools import partial
+from typing import Any, final
 
 import numpy as np
 
@@ -13,24 +14,36 @@ from ...framework.values.forecast import LIGHT, Forecast, GaussianObstacle
 from ...framework.values.plan import Plan
 from ..log.episode_log import Episode
 
-Whereabouts: TypeAlias = Mapping[str, Callable[[Array], Array]]
-"""Name of a person -> where they are at some times, (T,), s -> (T, D), m, NaN where absent."""
+
+@final
+@dataclass(frozen=True, eq=False)
+class Person:
+    """Where a person truly is.
+
+    Attributes
+    ----------
+    at : positions at some times, (T,), s -> (T, D), m, NaN where absent.
+    radius : m.
+    """
+
+    at: Callable[[Array], Array]
+    radius: float
 
 
-def whereabouts(episode: Episode, others: Sequence[Any] = ()) -> Whereabouts:
-    """Return where all but the robots are.
+def people_of(episode: Episode, others: Sequence[Any] = ()) -> dict[str, Person]:
+    """Return all but the robots, by name.
 
     Parameters
     ----------
     episode : its log knows people up to its end.
     others : bystanders whose motion is known beyond it, such as `ReplayAgent`.
     """
-    found: dict[str, Callable[[Array], Array]] = {
-        agent.name: lambda times, agent=agent: episode.at(agent, times)
+    found = {
+        agent.name: Person(partial(episode.at, agent), agent.radius)
         for agent in episode.agents
         if agent.kind != "robot"
     }
-    return found | {one.name: one.at for one in others}
+    return found | {one.name: Person(one.at, one.radius) for one in others}
 
 
 @final
@@ -45,6 +58,7 @@ class KeptClear:
     radius : (O, N), m, of the disc as large as the regions of one person at one step.
     uncovered : (N,), whether a person who was there, newcomers too, was outside the regions of
         all people: where the distance to the nearest person was less than the plan reckoned with.
+    met : (O, N), whether they touched the robot, had it been where it was planned to be.
     newcomers : people who appeared while the plan lasted, of whom it could know nothing.
     """
 
@@ -52,13 +66,26 @@ class KeptClear:
     outside: BoolArray
     radius: Array
     uncovered: BoolArray
+    met: BoolArray
     newcomers: int
 
     @classmethod
     def of(
-        cls, plan: Plan, region: Region, level: LevelPolicy, people: Whereabouts
+        cls,
+        plan: Plan,
+        region: Region,
+        level: LevelPolicy,
+        people: Mapping[str, Person],
+        radius: float,
     ) -> "KeptClear | None":
-        """Judge a plan by where people then were; None where its forecast has no person."""
+        """Judge a plan by where people then were; None where its forecast has no person.
+
+        Parameters
+        ----------
+        plan, region, level : the plan, and the regions that it was to keep clear of.
+        people : by name, as plans name them; other obstacles are left out.
+        radius : m, of the robot.
+        """
         forecast = plan.forecast
         if forecast is None:
             return None
@@ -69,24 +96,28 @@ class KeptClear:
         times = plan.stamp + plan.dt * np.arange(1, steps + 1, dtype=np.float64)
         names = [plan.tracked[o] for o in rows]
         others = [name for name in people if name not in plan.tracked]
-        truth = np.array([people[name](times) for name in (*names, *others)])
+        truth = np.array([people[name].at(times) for name in (*names, *others)])
         there = np.isfinite(truth).all(axis=2)
         regions = _Regions.of(forecast, rows, steps, region, level)
         inside = regions.contain(truth)
         own = inside[np.arange(len(rows)), np.arange(len(rows))]
         known = there[: len(rows)]
+        apart = np.linalg.norm(truth[: len(rows)] - plan.positions[1 : steps + 1], axis=2)
+        reach = radius + np.array([people[name].radius for name in names])
         return cls(
             known=known,
             outside=known & ~own,
             radius=regions.radius,
             uncovered=np.asarray((there & ~inside.any(axis=1)).any(axis=0), dtype=np.bool_),
+            met=known & (apart < reach[:, None]),
             newcomers=int(there[len(rows) :].any(axis=1).sum()),
         )
 
     def counts(self) -> dict[str, float]:
         """Count steps, people and the plan itself, and those of each that were missed.
 
-        ``driven`` is the first step, which is driven before a new plan is made.
+        A meeting is missed where the plan, driven to its end, touches a person. ``driven`` is the
+        first step, which is driven before a new plan is made.
         """
         persons = self.known.any(axis=1)
         there = float(persons.any())
@@ -99,6 +130,8 @@ class KeptClear:
             "plans_missed": float(self.outside.any()),
             "fields": there,
             "fields_missed": float(self.uncovered.any()),
+            "meetings": there,
+            "meetings_missed": float(self.met.any()),
             "driven": float(self.known[:, 0].any()),
             "driven_missed": float(self.outside[:, 0].any()),
             "plans_with_newcomers": float(self.newcomers > 0),

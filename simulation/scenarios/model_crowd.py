@@ -105,6 +105,8 @@ WALKER_RADIUS = 0.3
 """m, of a walker."""
 SPEED = 0.6
 """m/s, of the robot at time 0, and its reference speed."""
+
+
 @final
 @dataclass(frozen=True)
 class ModelCrowd(Scenario):

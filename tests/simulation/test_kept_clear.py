@@ -12,7 +12,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.plan import Plan, Rung, Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
-from wideberth.simulation.measures.kept_clear import KeptClear
+from wideberth.simulation.measures.kept_clear import KeptClear, Person
 
 STEPS = 3
 REGION = MahalanobisEllipse()
@@ -41,14 +41,14 @@ def plan_with(mean: Array, sigma: float, names: tuple[str, ...]) -> Plan:
     )
 
 
-def at(places: Array):  # type: ignore[no-untyped-def]
-    """Return where somebody is at 2.5, 3.0 and 3.5 s, and nowhere at other times."""
+def at(places: Array) -> Person:
+    """Return somebody of 0.3 m who is there at 2.5, 3.0 and 3.5 s, and not asked otherwise."""
 
     def where(times: Array) -> Array:
         assert times == pytest.approx([2.5, 3.0, 3.5])
         return np.asarray(places)
 
-    return where
+    return Person(where, 0.3)
 
 
 def test_counts_by_hand() -> None:
@@ -62,13 +62,14 @@ def test_counts_by_hand() -> None:
     comes = np.array([[np.nan, np.nan], [50.0, 0.0], [50.0, 0.0]])
     people = {"a": at(stays), "b": at(leaves), "c": at(lost), "d": at(comes)}
     plan = plan_with(mean, 1.0, ("a", "b", "c"))
-    found = KeptClear.of(plan, REGION, Fixed(0.05), people)
+    found = KeptClear.of(plan, REGION, Fixed(0.05), people, 0.4)
     assert found is not None and found.newcomers == 1
     assert found.outside.tolist() == [[False] * 3, [False, True, False], [False] * 3]
     assert found.uncovered.tolist() == [False, True, True]
     assert found.counts() == {
         **{"steps": 7.0, "steps_missed": 1.0, "persons": 3.0, "persons_missed": 1.0},
         **{"plans": 1.0, "plans_missed": 1.0, "fields": 1.0, "fields_missed": 1.0},
+        **{"meetings": 1.0, "meetings_missed": 0.0},
         **{"driven": 1.0, "driven_missed": 0.0, "plans_with_newcomers": 1.0},
     }
     assert found.radius == pytest.approx(np.full((3, 3), bound))
@@ -78,16 +79,25 @@ def test_another_persons_region_covers_the_field_and_not_the_person() -> None:
     mean = np.zeros((2, STEPS, 2))
     mean[1] += (3.0, 0.0)
     people = {"a": at(mean[1]), "b": at(mean[1])}
-    found = KeptClear.of(plan_with(mean, 0.5, ("a", "b")), REGION, Fixed(0.05), people)
+    found = KeptClear.of(plan_with(mean, 0.5, ("a", "b")), REGION, Fixed(0.05), people, 0.4)
     assert found is not None
     assert found.outside.tolist() == [[True] * 3, [False] * 3]
     assert not found.uncovered.any()
 
 
+def test_a_plan_meets_whom_it_would_touch() -> None:
+    """The robot of 0.4 m stands at the origin; somebody of 0.3 m comes as near as 0.69 m."""
+    mean = np.full((1, STEPS, 2), 5.0)
+    near = np.array([[0.71, 0.0], [0.0, 0.69], [np.nan, np.nan]])
+    found = KeptClear.of(plan_with(mean, 1.0, ("a",)), REGION, Fixed(), {"a": at(near)}, 0.4)
+    assert found is not None and found.met.tolist() == [[False, True, False]]
+    assert found.counts()["meetings_missed"] == 1.0
+
+
 def test_plans_without_people_say_nothing() -> None:
     plan = plan_with(np.zeros((1, STEPS, 2)), 1.0, ("a wall",))
-    assert KeptClear.of(plan, REGION, Fixed(), {"a": at(np.zeros((STEPS, 2)))}) is None
-    assert KeptClear.of(replace(plan, forecast=None), REGION, Fixed(), {}) is None
+    assert KeptClear.of(plan, REGION, Fixed(), {"a": at(np.zeros((STEPS, 2)))}, 0.4) is None
+    assert KeptClear.of(replace(plan, forecast=None), REGION, Fixed(), {}, 0.4) is None
 
 
 @pytest.mark.parametrize("level", [Fixed(0.1), RiskAllocation(0.3)])
@@ -99,7 +109,7 @@ def test_shares_are_those_of_the_model(level: Fixed | RiskAllocation) -> None:
     total = np.zeros(4)
     for _ in range(draws):
         truth = mean + 0.7 * rng.standard_normal(mean.shape)
-        found = KeptClear.of(plan, REGION, level, {"a": at(truth[0]), "b": at(truth[1])})
+        found = KeptClear.of(plan, REGION, level, {"a": at(truth[0]), "b": at(truth[1])}, 0.4)
         assert found is not None
         counts = found.counts()
         total += [
