@@ -15,6 +15,7 @@ BUILT_IN: dict[str, str] = {
     "coordinated_turn": "wideberth.predictors.coordinated_turn:CoordinatedTurn",
     "corrected": "wideberth.predictors.corrected:Corrected",
     "empirical": "wideberth.predictors.empirical:Empirical",
+    "functional_constant": "wideberth.predictors.functional_constant:FunctionalConstant",
     "game": "wideberth.predictors.game:Game",
     "imm": "wideberth.predictors.interacting_models:InteractingModels",
     "kalman": "wideberth.predictors.kalman:Kalman",

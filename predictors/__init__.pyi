@@ -11,6 +11,7 @@ from .constant_velocity import ConstantVelocity as ConstantVelocity
 from .coordinated_turn import CoordinatedTurn as CoordinatedTurn
 from .corrected import Corrected as Corrected
 from .empirical import Empirical as Empirical
+from .functional_constant import FunctionalConstant as FunctionalConstant
 from .game import Game as Game
 from .interacting_models import InteractingModels as InteractingModels
 from .kalman import Kalman as Kalman
@@ -23,5 +24,5 @@ from .smoothed import Smoothed as Smoothed
 from .social_force import SocialForce as SocialForce
 from .static import Static as Static
 from .var import VectorAutoregression as VectorAutoregression
-__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'FallbackChain', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
+__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'FallbackChain', 'FunctionalConstant', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
 BUILT_IN: dict[str, str]

@@ -1,22 +1,23 @@
 """Split conformal calibration: regions of the stated content, whatever the forecasts are worth."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self, final
 
 import numpy as np
 
+from ..framework.calibration import Calibration, CalibrationScores, MomentCalibration
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import windows_of
-from ..framework.values.arrays import Array, checked, positive, probability, whole
-from ..framework.values.coverage import Coverage, Event
+from ..framework.tracking.windows import same_dimension
+from ..framework.values.arrays import checked, positive, probability, whole
+from ..framework.values.coverage import Coverage
 from ..framework.values.errors import WideberthError
-from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.forecast import Forecast, Scene, content_bound
 from ..framework.values.tracks import Tracks
-from ..metrics.episode import SMALLEST, content_bound
+from ..metrics.episode import SMALLEST
+from .calibrations.per_step import PerStep
 from .core.assembly import refuse_adaptive
-from .core.calibration import replayed, same_step, scaled, squared_distances
+from .core.calibration import known_sizes, same_step, scaled, scored, scored_in_time
 from .empirical import Empirical
 
 
@@ -28,7 +29,7 @@ class Scales:
     ----------
     dt : s, between the steps.
     scale : (N,), by which the covariance of each step is multiplied.
-    windows : how many it was learnt from.
+    groups : how many groups of forecasts it was learnt from, each of which counts as one.
 
     Raises
     ------
@@ -37,7 +38,7 @@ class Scales:
 
     dt: float
     scale: tuple[float, ...]
-    windows: int
+    groups: int
 
     def __post_init__(self) -> None:
         positive("scales.dt", self.dt)
@@ -49,35 +50,42 @@ class Scales:
 @final
 @dataclass(frozen=True)
 class Conformal(Fittable):
-    """Scales the covariances of a base predictor so that the regions of one tail hold.
+    """Scales the covariances of a base predictor so that regions keep a promise.
 
-    Sigma_h -> s_h Sigma_h,   s_h = d^2_(k),h / q_D,   k = ceil((n + 1)(1 - tail))
+    Sigma_h -> s_h Sigma_h,   s_h = q_h / q_D
 
-    with d^2_(k),h the k-th smallest of the squared Mahalanobis distances of n calibration
-    futures at step h from their forecasts, and q_D the quantile of chi^2_D at 1 - tail. The
-    ellipse of content 1 - tail of the scaled Gaussian then holds a new future at step h with
-    probability 1 - tail at least (and at most 1 / (n + 1) more), if new futures and those of
-    calibration are exchangeable. A new site breaks that, and overlapping windows of one track
-    weaken it: `AdaptiveConformal` follows the site instead.
+    with q_h the squared size of the region of step h, in units of the base's covariance, by which
+    the ``calibration`` keeps its promise on data, and q_D the quantile of chi^2_D at 1 - tail:
+    the ellipse of content 1 - tail of the scaled Gaussian then is that region. Which event is
+    promised, one person at one step, all people at all steps or a whole task, and what has to be
+    exchangeable for it, the calibration states (`Calibration.coverage`). None but `WholeTask`
+    bounds an episode.
 
     The scale is right for this one tail; errors have heavier tails than a Gaussian, so that
-    regions of other contents are not. With ``joint`` the largest distance over the steps
-    takes the place of d^2_h: one scale for all steps, and all N ellipses together hold the
-    future with probability 1 - tail. Forecasts with several modes are scored by the nearest
-    mode, which makes the guarantee one of the union of the modes' ellipses, that a planner keeps
-    clear of. Their region of highest density is smaller and holds less (`AdaptiveConformal`
-    calibrates that one; `single_gaussian` around the base makes the two the same).
+    regions of other contents are not. A new site breaks exchangeability: `AdaptiveConformal`
+    follows the site instead. People who react to the robot break it too.
 
-    A base that can be fitted is fitted to every other track of the dataset (the first, the
-    third, ..., counted through all scenes), and the rest serve to calibrate; a base that
-    cannot leaves all to calibrate.
+    Forecasts with several modes are scored by the nearest mode, which makes the guarantee one of
+    the union of the modes' ellipses, that a planner keeps clear of. Their region of highest
+    density is smaller and holds less (`AdaptiveConformal` calibrates that one; `single_gaussian`
+    around the base makes the two the same).
+
+    What the base is fitted to serves nothing else. For a calibration of single windows, a base
+    that can be fitted is fitted to every other track of the dataset (the first, the third, ...,
+    counted through all scenes), and the rest calibrate; a base that cannot leaves all to
+    calibrate. For a `MomentCalibration`, of which no person may be missing, each recording is cut
+    in time: its first half is for the base and for how errors grow over the steps, its second
+    half calibrates. A new moment is exchangeable with those of the second halves, of which the
+    base and the growth know nothing; if recordings drift, so that the second half is unlike what
+    comes, it is not.
+
     Unfitted, the base's forecast stands. On another time grid scales are interpolated.
 
     Parameters
     ----------
     base : predictor to calibrate.
-    tail : of the region that is to hold.
-    joint : whether over all steps at once.
+    tail : probability that the calibration's event is missed.
+    calibration : which event, and how it is calibrated.
     observed, steps : samples of the windows in `fit`, before and after "now".
     fitted : what `fit` has learnt.
 
@@ -94,18 +102,17 @@ class Conformal(Fittable):
 
     base: Predictor = field(default_factory=Empirical)
     tail: float = 0.05
-    joint: bool = False
+    calibration: Calibration = field(default_factory=PerStep)
     observed: int = 8
     steps: int = 12
     fitted: Scales | None = None
 
     reference: ClassVar[str] = "lindemann2023safe"
-    coverage: ClassVar[Coverage] = Coverage(
-        Event.STEP,
-        "at least 1 - tail over the draw of both the data of the fit and the future",
-        "futures are exchangeable with the windows of the fit",
-        reference,
-    )
+
+    @property
+    def coverage(self) -> Coverage:  # type: ignore[override]
+        """What its regions of content 1 - tail promise, fitted: its calibration's promise."""
+        return self.calibration.coverage
 
     def __post_init__(self) -> None:
         refuse_adaptive("conformal.base", self.base)
@@ -114,40 +121,38 @@ class Conformal(Fittable):
             whole(f"conformal.{name}", getattr(self, name))
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
-        """Fit the base to one half of the tracks and calibrate it on the other.
+        """Fit the base to one half of the data and calibrate it on the other.
 
         Raises
         ------
-        WideberthError : fewer windows to calibrate than ceil(1 / tail) - 1, of which no
-            quantile is known; scenes that differ in dt or dimension; what the base refuses.
+        WideberthError : fewer groups of forecasts than the calibration needs; scenes that differ
+            in dt or dimension; what the base refuses.
         """
         same_step(dataset, "conformal")
+        same_dimension(dataset, "conformal")
+        if isinstance(self.calibration, MomentCalibration):
+            base, learnt, scores = scored_in_time(self.base, dataset, self.observed, self.steps)
+        else:
+            learnt = None
+            base, scores = self._scored_by_track(dataset)
+        sizes, groups = known_sizes(self.calibration, scores, self.tail, learnt, "conformal")
+        # A base that is exactly right on all windows would leave a region without interior.
+        scale = np.maximum(sizes, SMALLEST) / content_bound(dataset[0].dimension, self.tail)
+        fitted = Scales(dataset[0].dt, tuple(scale.tolist()), groups)
+        return replace(self, base=base, fitted=fitted)
+
+    def _scored_by_track(self, dataset: Sequence[Tracks]) -> tuple[Predictor, CalibrationScores]:
+        """Return the base, fitted to half of the tracks if it can be, and scores of the rest."""
         base, chosen = self.base, [list(range(len(scene))) for scene in dataset]
         if isinstance(base, Fittable):
             learning, chosen = _halves(dataset)
             base = base.fit([s.select(half) for s, half in zip(dataset, learning, strict=True)])
-        kept = [scene.select(half) for scene, half in zip(dataset, chosen, strict=True)]
-        fewest = math.ceil(1 / self.tail - 1e-9) - 1
-        windows = windows_of(kept, self.observed, self.steps, wanted=fewest, who="conformal")
-        distances = []
-        for scene, found, half in zip(dataset, windows, chosen, strict=True):
-            if len(found):
-                whole_scene = replace(found, obstacle=np.array(half)[found.obstacle])
-                parts = replayed(base, scene, whole_scene)
-                distances.append(squared_distances(*parts, found.future))
-        scale = self._scale(np.concatenate(distances), dataset[0].dimension)
-        fitted = Scales(dataset[0].dt, tuple(scale.tolist()), sum(map(len, distances)))
-        return replace(self, base=base, fitted=fitted)
-
-    def _scale(self, distances: Array, size: int) -> Array:
-        """Scale of each step, (N,), from squared distances (n, N)."""
-        if self.joint:
-            distances = np.repeat(distances.max(axis=1)[:, None], self.steps, axis=1)
-        count = len(distances)
-        rank = min(math.ceil((count + 1) * (1 - self.tail) - 1e-9), count)
-        # A base that is exactly right on all windows would leave a region without interior.
-        quantile = np.maximum(np.sort(distances, axis=0)[rank - 1], SMALLEST)
-        return np.asarray(quantile / content_bound(size, self.tail))
+        spans = [range(scene.positions.shape[1]) for scene in dataset]
+        scores = scored(base, dataset, spans, self.observed, self.steps)
+        pairs = zip(scores.recording.tolist(), scores.track.tolist(), strict=True)
+        owned = [set(half) for half in chosen]
+        own = [number for number, (scene, track) in enumerate(pairs) if track in owned[scene]]
+        return base, scores.select(own)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""

@@ -44,6 +44,7 @@ INTERFACES = {
 RUNGS = ("Optimal", "FeasibleIterate", "ShiftedPlan", "LeastViolation", "Brake")
 ROOM_TITLES = {
     "predictors": ("Predictors", "Where will the obstacles be?"),
+    "calibrations": ("Calibrations", "How large must regions be to keep a promise?"),
     "regions": ("Regions", "The sets around a forecast that the robot keeps out of."),
     "static_regions": ("Static regions", "Constraints that keep the robot clear of a polygon."),
     "robots": ("Robots", "How does the robot move, and what are its limits?"),

@@ -44,6 +44,9 @@ Recipe: TypeAlias = Callable[[Mapping[str, Any], str], Mapping[str, Any]]
 _FRAMEWORK = "wideberth.framework"
 ROOMS = {
     "predictors": Room("wideberth.predictors", f"{_FRAMEWORK}.predictor:Predictor"),
+    "calibrations": Room(
+        "wideberth.predictors.calibrations", f"{_FRAMEWORK}.calibration:Calibration"
+    ),
     "regions": Room("wideberth.regions", f"{_FRAMEWORK}.region:Region"),
     "static_regions": Room("wideberth.regions.static", f"{_FRAMEWORK}.static_region:StaticRegion"),
     "robots": Room("wideberth.robots", f"{_FRAMEWORK}.robot:Robot"),

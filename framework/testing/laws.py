@@ -29,6 +29,7 @@ P = ParamSpec("P")
 _HERE = "wideberth.framework.testing"
 CHECKS = {
     "check_predictor": f"{_HERE}.predictor",
+    "check_calibration": f"{_HERE}.calibration",
     "check_region": f"{_HERE}.region",
     "check_static_region": f"{_HERE}.static_region",
     "check_robot": f"{_HERE}.robot",

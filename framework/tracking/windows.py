@@ -97,12 +97,7 @@ def windows_of(
     ------
     WideberthError : fewer windows than wanted, or scenes of different dimensions.
     """
-    sizes = {scene.dimension for scene in dataset}
-    if len(sizes) > 1:
-        raise WideberthError(
-            f"{who}.fit: scenes have {' and '.join(map(str, sorted(sizes)))} coordinates; fit "
-            "one predictor to scenes of one dimension"
-        )
+    same_dimension(dataset, who)
     found = [cut_windows(scene, observed, predicted) for scene in dataset]
     number = sum(map(len, found))
     if number < wanted:
@@ -111,3 +106,18 @@ def windows_of(
             f"consecutive samples; wanted at least {wanted}: give more or longer recordings"
         )
     return found
+
+
+def same_dimension(dataset: Sequence[Tracks], who: str) -> None:
+    """Refuse scenes with different numbers of coordinates.
+
+    Raises
+    ------
+    WideberthError : names the numbers found.
+    """
+    sizes = {scene.dimension for scene in dataset}
+    if len(sizes) > 1:
+        raise WideberthError(
+            f"{who}.fit: scenes have {' and '.join(map(str, sorted(sizes)))} coordinates; fit "
+            "one predictor to scenes of one dimension"
+        )

@@ -1,19 +1,26 @@
 """Errors of past forecasts, for calibrated predictors."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
-from ...framework.predictor import Predictor
+from ...framework.calibration import Calibration, CalibrationScores
+from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.windows import IntArray, Windows
-from ...framework.values.arrays import Array
+from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import LIGHT, Forecast
 from ...framework.values.tracks import Tracks
 from ...metrics.episode import squared_mahalanobis
 from .assembly import more_modes
 from .history import gather
+
+Judge: TypeAlias = Callable[[Forecast, IntArray, Array], Array]
+"""(forecast, indices of those forecast, where all are (O, N, D)) -> squared errors (P, N) of
+those forecast, or (1, N) of all together."""
 
 
 def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Array) -> Array:
@@ -31,8 +38,14 @@ def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Arra
     truth : (O, N, D), m, NaN where unobserved.
     """
     square = squared_mahalanobis(mean, covariance, truth[:, None])
-    heeded = (weight >= LIGHT) | (weight == weight.max(axis=1, keepdims=True, initial=0.0))
-    return np.asarray(np.where(heeded[..., None], square, np.inf).min(axis=1, initial=np.inf))
+    some = heeded(weight)[..., None]
+    return np.asarray(np.where(some, square, np.inf).min(axis=1, initial=np.inf))
+
+
+def heeded(weight: Array) -> BoolArray:
+    """Which modes plans heed, (O, M): those of a weight of `LIGHT` at least, and the heaviest."""
+    heaviest = weight.max(axis=1, keepdims=True, initial=0.0)
+    return np.asarray((weight >= LIGHT) | (weight == heaviest))
 
 
 def scaled(forecast: Forecast, known: Array, known_dt: float, tracks: Tracks) -> Forecast:
@@ -111,6 +124,112 @@ def replayed(
         for k in range(3)
     )
     return mean, covariance, weight
+
+
+def of_each(forecast: Forecast, present: IntArray, future: Array) -> Array:
+    """Squared distance of each person from its forecast, (P, N): a `Judge`."""
+    return squared_distances(forecast.mean, forecast.covariance, forecast.weight, future[present])
+
+
+def scored(
+    base: Predictor,
+    dataset: Sequence[Tracks],
+    spans: Sequence[range],
+    observed: int,
+    steps: int,
+    judge: Judge = of_each,
+) -> CalibrationScores:
+    """Score the forecasts of every row at which anyone is seen, of all who are seen there.
+
+    Parameters
+    ----------
+    base : to be calibrated.
+    dataset : recordings.
+    spans : rows of each recording to forecast from; those within ``steps`` of its end are left
+        out, as no one is seen beyond it.
+    observed, steps : rows up to a forecast that are shown to the base, and rows after it.
+    """
+    squares, keys, rows = [np.zeros((0, steps))], [np.zeros((0, 4), dtype=np.int64)], []
+    for number, (scene, span) in enumerate(zip(dataset, spans, strict=True)):
+        used = span[: max(scene.positions.shape[1] - steps - span.start, 0)]
+        rows.append(len(used))
+        for place, row in enumerate(used):
+            now, present = seen_at(scene, row, observed)
+            if not len(present):
+                continue
+            future = scene.positions[:, row + 1 : row + 1 + steps]
+            found = judge(base.predict(now, steps), present, future)
+            lasting = np.isfinite(future[present]).all(axis=(1, 2))
+            lasting &= np.isfinite(now.positions).all(axis=(1, 2)) & (row + 1 >= observed)
+            same = np.full(len(present), number), np.full(len(present), place)
+            known = np.isfinite(found).any(axis=1)
+            squares.append(found[known])
+            rest = np.stack([*same, present, lasting.astype(np.int64)], axis=1)
+            keys.append(rest[: len(found)][known])
+    recording, place, track, lasting = np.concatenate(keys).T
+    whole = np.asarray(lasting > 0, dtype=np.bool_)
+    count = tuple(rows)
+    return CalibrationScores(
+        np.concatenate(squares), recording, place, track, whole, count, dataset[0].dt
+    )
+
+
+def scored_in_time(
+    base: Predictor, dataset: Sequence[Tracks], observed: int, steps: int, judge: Judge = of_each
+) -> tuple[Predictor, CalibrationScores, CalibrationScores]:
+    """Cut recordings in time: fit the base to the first halves, and score both halves.
+
+    No future that is scored reaches from the first half into the second one.
+
+    Returns
+    -------
+    The base, fitted where it can be; the scores of the first halves; those of the second ones.
+    """
+    middles = [scene.positions.shape[1] // 2 for scene in dataset]
+    if isinstance(base, Fittable):
+        firsts = [_until(scene, row) for scene, row in zip(dataset, middles, strict=True)]
+        base = base.fit([scene for scene in firsts if len(scene)])
+    early = [range(max(row - steps, 0)) for row in middles]
+    lengths = [scene.positions.shape[1] for scene in dataset]
+    late = [range(row, length) for row, length in zip(middles, lengths, strict=True)]
+    learnt, scores = (
+        scored(base, dataset, spans, observed, steps, judge) for spans in (early, late)
+    )
+    return base, learnt, scores
+
+
+def _until(scene: Tracks, row: int) -> Tracks:
+    """Return the rows before one, with those who are seen there."""
+    past = scene.positions[:, :row]
+    seen = np.asarray(np.isfinite(past).all(axis=2), dtype=np.bool_)
+    present = np.flatnonzero(seen.any(axis=1)).tolist()
+    stamp = scene.stamp - scene.dt * (scene.positions.shape[1] - row)
+    return replace(scene, positions=past, stamp=stamp).select(present)
+
+
+def known_sizes(
+    calibration: Calibration,
+    scores: CalibrationScores,
+    tail: float,
+    learnt: CalibrationScores | None,
+    who: str,
+) -> tuple[Array, int]:
+    """Squared size of each step, (N,), and how many groups of scores it was learnt from.
+
+    Raises
+    ------
+    WideberthError : fewer groups than the calibration needs.
+    """
+    groups = calibration.groups(scores)
+    found = len(np.unique(groups[groups >= 0]))
+    fewest = calibration.fewest(tail, scores.steps)
+    if found < fewest:
+        raise WideberthError(
+            f"{who}.fit: {len(scores)} scored forecasts of {scores.steps} steps make {found} "
+            f"groups that count as one each for {type(calibration).__name__}; wanted at least "
+            f"{fewest} at a tail of {tail:g}: give more or longer recordings, or a larger tail"
+        )
+    return calibration.sizes(scores, tail, learnt), found
 
 
 def same_step(dataset: Sequence[Tracks], who: str) -> None:

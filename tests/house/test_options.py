@@ -67,6 +67,7 @@ REASONS: dict[str, str] = {
         Conformal: observed
         Corrected: classes observed
         Empirical: jitters observed speeds
+        FunctionalConstant: observed
         MixtureDensity: observed
         """,
     "a number that `fit` writes": """
@@ -75,13 +76,12 @@ REASONS: dict[str, str] = {
         InteractingModels: manoeuvring noise_floor standing steady
         """,
     "parameter of the published method that `reference` of the plug-in names": """
-        AdaptiveConformal: rate tail
+        AdaptiveConformal: rate
         BayesianVectorAutoregression: deviation order
         Bhattacharyya: robot_deviation
         BilevelOrca: dt horizon obstacle_horizon people_speed time_horizon
         Chords: collinear deviation enlargement fewest gap largest proportion separation split
         CircularForce: reach stiffness strength wall_reach wall_strength
-        Conformal: joint
         ConstantAcceleration: time_constant
         Contouring: knots lag
         CoordinatedTurn: acceleration_density turn_time yaw_rate

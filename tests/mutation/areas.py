@@ -54,7 +54,8 @@ AREAS: dict[str, list[str]] = {
         "predictors/coordinated_turn.py", "predictors/interacting_models.py", "predictors/var.py",
     ],
     "calibration": [
-        f"{CORE}/calibration.py", "predictors/conformal.py",
+        f"{CORE}/calibration.py", f"{CORE}/error_shape.py", "framework/calibration.py",
+        "predictors/calibrations/*.py", "predictors/conformal.py",
         "predictors/adaptive_conformal.py", "predictors/empirical.py",
         "framework/tracking/windows.py",
     ],

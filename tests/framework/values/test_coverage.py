@@ -3,6 +3,7 @@
 import pytest
 
 from wideberth.experiments.engine.provenance import bibliography
+from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.coverage import Coverage, Event
 from wideberth.framework.values.errors import WideberthError
@@ -16,21 +17,26 @@ STATED = {
     ("slot_kinds", "drawn_futures"): Event.PLAN,
     ("predictors", "conformal"): Event.STEP,
     ("predictors", "adaptive_conformal"): Event.LONG_RUN,
+    ("predictors", "functional_constant"): Event.FIELD,
+    ("calibrations", "per_step"): Event.STEP,
+    ("calibrations", "boole"): Event.PLAN,
+    ("calibrations", "joint_person"): Event.PERSON,
+    ("calibrations", "joint_plan"): Event.PLAN,
+    ("calibrations", "sample_and_discard"): Event.PLAN,
+    ("calibrations", "task"): Event.TASK,
 }
 
 
 @pytest.mark.parametrize(("room", "name"), STATED)
 def test_a_rung_states_its_event(room: str, name: str) -> None:
-    assert load(room, name).coverage.event is STATED[room, name]
+    assert build(room, name).coverage.event is STATED[room, name]
 
 
 def test_every_source_of_a_promise_has_an_entry() -> None:
     known = bibliography()
-    found = [
-        load(room, name).coverage
-        for room in ("levels", "predictors", "slot_kinds")
-        for name in names(room)
-    ]
+    rooms = ("levels", "predictors", "calibrations")
+    found = [build(room, name).coverage for room in rooms for name in names(room)]
+    found += [load("slot_kinds", name).coverage for name in names("slot_kinds")]
     assert {one.source for one in found if one} <= set(known)
 
 
