@@ -11,6 +11,7 @@ from ..mpc.levels.base import LevelPolicy, SharedLevel
 from ..plugins.registry import load, names
 from ..region import Guarantee, Region
 from ..values.arrays import Array
+from ..values.coverage import Event
 from ..values.errors import WideberthError
 from .laws import Contract, Law, check_coverage, law, stated
 
@@ -25,7 +26,8 @@ def check_level(policy: LevelPolicy) -> Iterator[Law]:
     It is a frozen dataclass with a tail in (0, 1), which states its coverage or None. With each
     registered region it gives the same finite levels (steps, obstacles) each time, all the same
     and not below ``minimum`` where one variable stands for them, else not negative; and no lower
-    ones for half the tail.
+    ones for half the tail. If what it promises is a content, the tails of its levels are those
+    of its event: that of the first step, or of all steps and obstacles of a plan together.
     It may refuse a region with a WideberthError, and has to where it promises a collision
     risk that the region guarantees at no level.
 
@@ -36,6 +38,10 @@ def check_level(policy: LevelPolicy) -> Iterator[Law]:
     served = _Served(policy)
     yield from stated(_Served, policy, lambda: [served])
     yield from stated(_Levels, policy, lambda: served.levels)
+
+
+def _promises_content(policy: LevelPolicy) -> bool:
+    return policy.coverage is not None and policy.promise == "content"
 
 
 def _has_tail(policy: LevelPolicy) -> bool:
@@ -146,6 +152,17 @@ class _Levels:
     def check_tail(self) -> None:
         strict = self.of(replace(cast(Any, self.policy), tail=0.5 * self.policy.tail))
         self._demand(bool((strict >= self.found).all()), "half the tail, no lower level")
+
+    @law("keeps the event that it states", _promises_content, "it promises a risk, or nothing")
+    def check_event(self) -> None:
+        """Check the tails of its levels: of the first step, or the sum of those of a plan."""
+        assert self.policy.coverage is not None
+        single = self.policy.coverage.event is Event.STEP
+        levels, counts = np.unique(self.found[:1] if single else self.found, return_counts=True)
+        tails = np.array([self.region.tail(float(level), self.dimension) for level in levels])
+        reached = tails.max(initial=0.0) if single else float(tails @ counts)
+        text = f"its event is missed with probability {reached:.6g}; wanted {self.policy.tail:g}"
+        self._demand(reached <= self.policy.tail * (1.0 + 1e-6), text)
 
     def _demand(self, holds: bool, law: str) -> None:
         region = type(self.region).__name__

@@ -116,6 +116,42 @@ def test_a_policy_that_breaks_a_law_is_told_which(law: str) -> None:
         check_level(Broken(law))
 
 
+@final
+@dataclass(frozen=True)
+class Unshared(LevelPolicy):
+    """Promises a whole plan, and gives every obstacle what one alone may take."""
+
+    tail: float = 0.05
+    promise: Promise = "content"
+    coverage = RiskAllocation.coverage
+
+    def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
+        alone = RiskAllocation(self.tail).levels(region, steps, 1, dimension)
+        return np.repeat(alone, obstacles, axis=1)
+
+
+def test_a_policy_that_promises_a_plan_must_share_its_tail() -> None:
+    with pytest.raises(
+        AssertionError, match=r"event is missed with probability 0\.2; wanted 0\.05"
+    ):
+        check_level(Unshared())
+    with pytest.raises(AssertionError, match=r"event is missed with probability"):
+        check_level(replace(Twice(), tail=0.05))
+
+
+@final
+@dataclass(frozen=True)
+class Twice(LevelPolicy):
+    """Promises one person at one step, and takes twice its tail."""
+
+    tail: float = 0.05
+    promise: Promise = "content"
+    coverage = Fixed.coverage
+
+    def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
+        return Fixed(2.0 * self.tail).levels(region, steps, obstacles, dimension)
+
+
 def test_a_policy_that_declares_a_shared_level_by_a_flag_is_refused() -> None:
     with pytest.raises(WideberthError, match=r"Old is a LevelPolicy with shared = True.*Shared"):
         type("Old", (LevelPolicy,), {"shared": True})
