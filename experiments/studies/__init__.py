@@ -8,6 +8,7 @@ BUILT_IN: dict[str, str] = {
     "dynamic_matters": f"{_HERE}.dynamic_matters:DynamicMatters",
     "comparison": f"{_HERE}.comparison:Comparison",
     "closed_loop_risk": f"{_HERE}.closed_loop_risk:ClosedLoopRisk",
+    "conformal_table": f"{_HERE}.conformal_table:ConformalTable",
     "conservativeness": f"{_HERE}.conservativeness:Conservativeness",
     "cascade": f"{_HERE}.cascade:CascadeStudy",
     "encounter": f"{_HERE}.encounter:Encounter",
