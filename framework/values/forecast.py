@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
 
-from .arrays import Array, checked, checked_covariance, positive, probability, settle
+from .arrays import Array, altered, checked, checked_covariance, positive, probability, settle
 from .errors import WideberthError
 from .motion import Truth
 from .polygon import Polygon
@@ -184,6 +184,16 @@ class Forecast:
         """N, the number of steps ahead."""
         return int(self.mean.shape[2])
 
+    def cut(self, steps: int) -> tuple["Forecast", "Forecast"]:
+        """Return the first ``steps`` and those behind them; of the latter no joint covariance."""
+        mean, covariance = self.mean, self.covariance
+        source = None if self.joint_source is None else partial(_leading, self, steps)
+        first = altered(
+            self, mean=mean[:, :, :steps], covariance=covariance[:, :, :steps], joint_source=source
+        )
+        rest = mean[:, :, steps:], covariance[:, :, steps:]
+        return first, altered(self, mean=rest[0], covariance=rest[1], joint_source=None)
+
     def sample(self, rng: np.random.Generator, count: int) -> Array:
         """Draw trajectories, (count, O, N, D), m.
 
@@ -215,6 +225,13 @@ class Forecast:
             return np.asarray(whole.reshape(-1, steps, size))
         root = _root(self.covariance[obstacle, mode])
         return np.asarray(np.einsum("nij,cnj->cni", root, noise.reshape(-1, steps, size)))
+
+
+def _leading(forecast: Forecast, steps: int) -> Array:
+    """Joint covariance of the first steps of a forecast that knows one."""
+    joint, size = forecast.joint, steps * forecast.mean.shape[3]
+    assert joint is not None  # it has a source
+    return joint[..., :size, :size]
 
 
 def _root(covariance: Array) -> Array:

@@ -182,13 +182,16 @@ def straight_on(shown: dict[str, Array]) -> Array:
 
 
 WAYS = {"type": "ways", "region": "mahalanobis_ellipse"}
+BETWEEN = {"type": "between_steps", "region": "mahalanobis_ellipse"}
 OPTIONS: dict[str, dict[str, Any]] = {
     "none": {},
     "hard regions": {"penalty": None},
     "relaxed level": {"level": "relaxed"},
     "ways": {"further_kinds": [WAYS]},
     "withdraw": {"withdraw": True},
+    "between_steps": {"further_kinds": [BETWEEN]},
     "stop_at_end": {"fallback": {"stop_at_end": True}},
+    "steps_at_rest": {"fallback": {"stop_at_end": True, "steps_at_rest": 2}},
     "latency": {"latency": 0.3},
     "own_uncertainty": {"own_uncertainty": "feedback"},
     "starts": {"starts": ["along", "left", "right", "back-left", "back-right", "wait", "coast"]},

@@ -61,7 +61,7 @@ class SolveRecord:
     rooms : what the problem has room for, of each kind.
     key : hash of the problem's expressions.
     names : of its slots, kind by kind; "?" where empty.
-    parameters : of the instance.
+    parameters : of the instance, as the solver was given them.
     guesses : what was solved from.
     point : the plan taken, auxiliaries and level included.
     verdict : what the planner said of it.
@@ -100,7 +100,7 @@ class SolveRecord:
             tuple(one.room for one in instance.around.chosen),
             instance.problem.key,
             instance.names,
-            instance.parameters,
+            instance.asked,
             solved.guesses,
             solved.point,
             verdict,

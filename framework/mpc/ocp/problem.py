@@ -4,7 +4,7 @@
 derived from it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
 from typing import Any
@@ -347,6 +347,12 @@ class SlotNumbers:
         empty = np.zeros((steps, 0, width))
         level = np.zeros((steps, 0)) if levelled else None
         return SlotNumbers(empty, np.zeros(0), np.zeros((steps, 0, 0)), level)
+
+    def ending_in(self, last: Array | None) -> "SlotNumbers":
+        """Return the same with other parameters (K, P) at step N; with None these."""
+        if last is None:
+            return self
+        return replace(self, parameters=np.concatenate([self.parameters[:-1], last[None]]))
 
     def stages(self) -> Array:
         """Numbers of all slots, slot by slot in the order of `Slots`, (N, K size)."""

@@ -151,7 +151,8 @@ class Services:
     motion : compiled trajectories of the robot.
     model : the robot as the problem states it, with its progress where the cost has one.
     travel : how far the robot can get.
-    grid : (N,), s, times of the plan's steps 1..N after its first state.
+    grid : (N + M,), s, times of the plan's steps 1..N after its first state, and of those at which
+        it is to rest, see `Fallback`.
     """
 
     problems: ProblemCache
@@ -174,7 +175,7 @@ class Services:
             motion=RobotMotion(robot, steps, dt),
             model=progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
             travel=Travel.of(robot, steps, dt),
-            grid=settings.grid,
+            grid=settings.dt * np.arange(1, steps + settings.fallback.steps_at_rest + 1.0),
         )
 
     def for_all(self) -> "Services":
@@ -230,11 +231,15 @@ class Decision:
 @final
 @dataclass(frozen=True, eq=False)
 class PerceptionFrame:
-    """An observation, with tracks and forecast of its obstacles; None where none is known."""
+    """An observation, with tracks and forecast of its obstacles; None where none is known.
+
+    ``beyond`` is the forecast after the plan's end; None where it is not asked for.
+    """
 
     observation: Observation
     tracks: Tracks | None
     forecast: Forecast | None
+    beyond: Forecast | None = None
 
 
 def remember(
@@ -331,7 +336,10 @@ def _perceived(
     forecast = learnt.forecast(tracks, course.stamp, services.grid, scene)
     if learnt is not perception:
         state = replace(state, perception=learnt)
-    return state, PerceptionFrame(observation, tracks, forecast)
+    if forecast is None or not settings.fallback.steps_at_rest:
+        return state, PerceptionFrame(observation, tracks, forecast)
+    parts = forecast.cut(settings.horizon)
+    return state, PerceptionFrame(observation, tracks, *parts)
 
 
 def _planned(
@@ -444,12 +452,22 @@ def _filled(
         settings.level,
         inputs,
         _in_contact(settings, state, frame, body, start),
+        _posed(parameters, chosen),
     )
     warm = _warm(settings, state, course.stamp, parameters, chosen, first)
     (first,) = suited_each(instance, [warm])
     if not instance.problem.no_auxiliaries:
-        instance = replace(instance, parameters=first.pull(parameters))
+        pulled = first.pull(parameters)
+        instance = replace(instance, parameters=pulled, posed=_posed(pulled, chosen))
     return instance, first
+
+
+def _posed(parameters: Parameters, chosen: tuple[SlotAssignment, ...]) -> Parameters | None:
+    """Return what the solver is given where that is more than plans are verified against."""
+    if all(one.at_end is None for one in chosen):
+        return None
+    pairs = zip(parameters.slots, chosen, strict=True)
+    return replace(parameters, slots=tuple(one.ending_in(own.at_end) for one, own in pairs))
 
 
 def _context(
@@ -472,7 +490,7 @@ def _context(
         observation=observation,
         tracks=frame.tracks,
         forecast=frame.forecast,
-        times=course.stamp + services.grid,
+        times=course.stamp + services.grid[: settings.horizon],
         dt=settings.dt,
         reference=course.reference,
         route=route,
@@ -484,6 +502,7 @@ def _context(
         margin=settings.margin,
         aside=0.5 * settings.reference_speed * settings.horizon * settings.dt,
         most=settings.most_obstacles,
+        beyond=frame.beyond,
     )
 
 

@@ -22,6 +22,8 @@ class Instance:
     level : the policy that the levels come from.
     last_inputs : (N, m), inputs of the last plan from now on; None without one.
     in_contact : who is in contact as plans begin; None for none.
+    posed : what the solver is given, where it holds more than plans are verified against, see
+        `SlotAssignment.at_end`; None for ``parameters``.
     """
 
     problem: Problem
@@ -30,6 +32,12 @@ class Instance:
     level: LevelPolicy
     last_inputs: Array | None = None
     in_contact: InContact | None = None
+    posed: Parameters | None = None
+
+    @property
+    def asked(self) -> Parameters:
+        """The numbers that the solver is given."""
+        return self.parameters if self.posed is None else self.posed
 
     @cached_property
     def robot(self) -> Robot:

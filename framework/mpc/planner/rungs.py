@@ -29,7 +29,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ...plugins.registry import unknown
-from ...values.arrays import Array
+from ...values.arrays import Array, whole
 from ...values.errors import WideberthError, short
 from ...values.plan import TOLERANCE, Plan, Rung
 from ..ocp.transcription import Guess
@@ -277,17 +277,26 @@ class Fallback:
         `FallbackRung` of your own.
     stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
         is there to fall back on for as long as the forecast it was made for comes true.
+    steps_at_rest : M, steps after a plan's end, N + 1..N + M, at which the robot that stands there
+        is to be outside of the regions too, see `wideberth.framework.mpc.slots.at_rest`. Needs
+        ``stop_at_end``.
 
     Raises
     ------
-    WideberthError : no rung, or a name that is none.
+    WideberthError : no rung, or a name that is none; steps at rest of plans that do not end so.
     """
 
     rungs: tuple[str, ...] = tuple(RUNGS)
     stop_at_end: bool = False
+    steps_at_rest: int = 0
 
     def __post_init__(self) -> None:
         rungs_of(self.rungs)
+        if whole("fallback.steps_at_rest", self.steps_at_rest, least=0) and not self.stop_at_end:
+            raise WideberthError(
+                f"fallback.steps_at_rest is {self.steps_at_rest}, and plans need not end at rest: "
+                "set fallback.stop_at_end to true"
+            )
 
     @cached_property
     def ladder(self) -> tuple[FallbackRung, ...]:

@@ -114,7 +114,7 @@ class WatchedSolver:
         ------
         SolverTimeout, SolverRefused : there is no solution, see `watchdog.watched`.
         """
-        call = partial(self._solver.solve, instance.problem, instance.parameters, guesses)
+        call = partial(self._solver.solve, instance.problem, instance.asked, guesses)
         return self._watched(instance, call, len(guesses), budget)
 
     def solve_cheapest(
@@ -126,7 +126,7 @@ class WatchedSolver:
     ) -> list[Solution]:
         """Do the same, but give up what leads to no cheaper plan, see `solver.solve_cheapest`."""
         call = partial(
-            solve_cheapest, self._solver, instance.problem, instance.parameters, guesses, known,
+            solve_cheapest, self._solver, instance.problem, instance.asked, guesses, known,
             SAME * instance.robot.radius,
         )  # fmt: skip
         return self._watched(instance, call, len(guesses), budget)

@@ -63,6 +63,8 @@ class PlanningContext:
     margin : m, added around the robot's bodies.
     aside : m, how far a plan may turn aside: half of what the reference covers.
     most : how many things of a kind a problem may hold.
+    beyond : the forecast at steps N + 1..N + M, at which a robot that stands where its plan ends
+        is to be clear as well; None where it need not.
     """
 
     observation: Observation
@@ -80,6 +82,7 @@ class PlanningContext:
     margin: float
     aside: float
     most: int
+    beyond: Forecast | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +173,8 @@ class SlotAssignment:
     lesser : names of slots between the things and the empty ones that a plan says no level of.
     risk : largest probability that one of these things is met anywhere on a plan that keeps every
         slot at the level aimed at; nan where a kind promises none of whole plans.
+    at_end : (K, P), parameters of all slots that the solver is given at step N instead, so that
+        the next problem has a plan; None for the same. Plans are not verified against them.
     """
 
     room: SlotSizes
@@ -180,6 +185,7 @@ class SlotAssignment:
     out_of_reach: OutOfReach | None = None
     lesser: tuple[str, ...] = ()
     risk: float = float("nan")
+    at_end: Array | None = None
 
     @property
     def called(self) -> tuple[str, ...]:

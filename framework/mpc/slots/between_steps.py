@@ -244,8 +244,9 @@ class BetweenSteps(OfDiscs):
         tracks = altered(view.tracks, radius=view.tracks.radius + more)
         chosen = self.discs.choose(robot, altered(view, tracks=tracks))
         assert isinstance(chosen.known, KnownDiscs)
-        discs, of = chosen.known.obstacles, dict(zip(view.tracks.ids, more, strict=True))
-        bare = altered(discs, radius=discs.radius - np.array([of[name] for name in discs.ids]))
+        own = dict(zip(view.tracks.ids, view.tracks.radius, strict=True))
+        discs = chosen.known.obstacles
+        bare = altered(discs, radius=np.array([own[name] for name in discs.ids], dtype=np.float64))
         return altered(chosen, known=altered(chosen.known, obstacles=bare))
 
     def lost(self, robot: Robot, view: PlanningContext) -> Array:

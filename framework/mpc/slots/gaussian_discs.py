@@ -20,6 +20,7 @@ from ..ocp.bodies import Body, apart, bodies, body_starts, discs
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.reference import Reference
 from ..ocp.stage import Frame, slots
+from .at_rest import EndOfPlan
 from .base import (
     FAR,
     WIDE,
@@ -235,6 +236,7 @@ class DiscNumbers(NamedTuple):
     mean : (N, O, D), m. covariance : (N, O, D, D), m^2, with the robot's own.
     margin : (O,), m, radii of both bodies and what is added.
     level : (N, M) of each name. places : of the names in it; modes of one obstacle share one.
+    end : what holds the discs from step N on; None where that is not asked for.
     """
 
     mean: Array
@@ -242,6 +244,7 @@ class DiscNumbers(NamedTuple):
     margin: Array
     level: Array
     places: dict[str, int]
+    end: EndOfPlan | None = None
 
     @classmethod
     def of(
@@ -262,7 +265,29 @@ class DiscNumbers(NamedTuple):
     def some(self, which: NDArray[np.intp], level: Array, places: dict[str, int]) -> "DiscNumbers":
         """Return those of some of the discs, by their indices, at levels of their own."""
         kept = self.mean[:, which], self.covariance[:, which], self.margin[which]
-        return DiscNumbers(*kept, level, places)
+        end = None if self.end is None else self.end.some(which)
+        return DiscNumbers(*kept, level, places, end)
+
+    def until(self, later: ObstacleSet, reference: Reference, own: Array) -> "DiscNumbers":
+        """Return them with what holds the discs from step N to those ``later``.
+
+        ``own`` (D, D), m^2, is the covariance of the place where the robot ends.
+        """
+        mean, covariance, _ = within_scales(later, reference, 0.0, own[None])
+        both = (
+            np.concatenate([a[-1:], b])
+            for a, b in ((self.mean, mean), (self.covariance, covariance))
+        )
+        return self._replace(end=EndOfPlan.of(*both))
+
+    def with_end(self, level: Array) -> "DiscNumbers":
+        """Return them with one more step, that of the plan's end at levels (O,)."""
+        assert self.end is not None
+        mean, covariance = self.end.at(level)
+        return self._replace(
+            mean=np.concatenate([self.mean, mean[None]]),
+            covariance=np.concatenate([self.covariance, covariance[None]]),
+        )
 
     def levels(self, ids: tuple[str, ...], count: int) -> Array:
         """Levels of discs by their names, and of empty slots up to ``count``, (N, count)."""
@@ -287,6 +312,16 @@ class DiscNumbers(NamedTuple):
         clear_of = assembled(GaussianObstacle, mean=mean, covariance=covariance)
         parameters, none = region.parameters(clear_of, room), np.zeros((steps, capacity, 0))
         return SlotNumbers(parameters, used(count, capacity), none, self.levels(ids, capacity))
+
+    def at_end(self, region: Region, ids: tuple[str, ...], filled: SlotNumbers) -> Array | None:
+        """Parameters of all slots at step N where the plan's end is held, (K, P); None else."""
+        if self.end is None or not ids:
+            return None
+        mean, covariance = self.end.at(self.levels(ids, len(ids))[-1])
+        held = assembled(GaussianObstacle, mean=mean, covariance=not_wider(covariance))
+        last: Array = filled.parameters[-1].copy()
+        last[: len(ids)] = region.parameters(held, self.margin)
+        return last
 
 
 @final
@@ -346,6 +381,9 @@ class GaussianDiscs(LevelledKind, GaussianKind):
             return self.chosen(robot, ObstacleSet.none(*view.route.shape[1:]), *given)
         discs = ObstacleSet.of(view.forecast, view.tracks.ids, view.tracks.radius)
         numbers = DiscNumbers.of(self, robot, discs, *given)
+        if view.beyond is not None:
+            later = ObstacleSet.of(view.beyond, view.tracks.ids, view.tracks.radius)
+            numbers = numbers.until(later, view.reference, view.own[-1])
         far = self.out_of_reach(robot, discs, numbers, view)
         chosen, kept = choose_obstacles(discs, view.route, view.most, far)
         if chosen is not discs:
@@ -362,9 +400,14 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         allowed = np.zeros(view.route.shape[:2])
         allowed[1] = view.travel
         allowed += sqrt(robot.dimension) * farthest(self.bodies(robot))
-        levels = numbers.levels(discs.ids, len(discs))
+        levels, route = numbers.levels(discs.ids, len(discs)), view.route
+        if numbers.end is not None:
+            numbers = numbers.with_end(levels[-1])
+            levels = np.concatenate([levels, levels[-1:]])
+            allowed = np.concatenate([allowed, allowed[:, -1:]], axis=1)
+            route = np.concatenate([route, route[:, -1:]], axis=1)
         given = numbers.mean, numbers.covariance, numbers.margin
-        return out_of_reach(region, *given, levels, view.route, allowed)
+        return out_of_reach(region, *given, levels, route, allowed)
 
     def chosen(
         self,
@@ -393,7 +436,8 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         known = KnownDiscs(self, obstacles, margin)
         beyond = OutOfReach(far, numbers.levels(far, len(far))) if far else None
         names = obstacles.ids, obstacles.left_out
-        return SlotAssignment((capacity,), *names, filled, known, beyond)
+        end = numbers.at_end(self.region, obstacles.ids, filled)
+        return SlotAssignment((capacity,), *names, filled, known, beyond, at_end=end)
 
     def parameters_of_one(self, robot: Robot, margin: float) -> Any:
         """Parameters of the region, the radii of body and obstacle in its margin.

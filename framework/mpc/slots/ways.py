@@ -158,12 +158,16 @@ class Ways(OfDiscs, SelectiveKind):
         numbers = fill(view.reference, both, self.region, view.level, radius, room, view.own)
         share = np.ones((*numbers.parameters.shape[:2], 1))
         share[:, count : 2 * count] = self.share
-        priced = np.concatenate([numbers.parameters, share], axis=2)
+        priced, end = np.concatenate([numbers.parameters, share], axis=2), None
+        if chosen.at_end is not None:
+            end = priced[-1].copy()
+            end[:count, :-1] = chosen.at_end[:count]
         return replace(
             chosen,
             room=(room,),
             numbers=replace(numbers, parameters=priced),
             lesser=tuple(f"way of {name}" for name in discs.ids),
+            at_end=end,
         )
 
     def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:

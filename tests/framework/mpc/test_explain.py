@@ -258,7 +258,7 @@ def test_a_record_says_what_its_plan_says() -> None:
             violation=0.1, cost=2.0, given_way=given,
         )  # fmt: skip
         instance = SimpleNamespace(
-            around=SimpleNamespace(chosen=(SimpleNamespace(room=(2,)),)), parameters=None,
+            around=SimpleNamespace(chosen=(SimpleNamespace(room=(2,)),)), asked=None,
             problem=SimpleNamespace(key="k"), names=("a", "?"),
         )  # fmt: skip
         solved: Any = SimpleNamespace(
