@@ -9,6 +9,7 @@ BUILT_IN: dict[str, str] = {
     "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocityController",
     "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
     "ecp": "wideberth.controllers.ecp:EgocentricConformalPlanner",
+    "fcp": "wideberth.controllers.fcp:FunctionalConformalPlanner",
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
     "mpc": "wideberth.framework.mpc.planner.planner:Planner",
     "nav2": "wideberth.nav2.server.navigator:Nav2",

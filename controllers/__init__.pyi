@@ -8,6 +8,7 @@ from .cc import ConformalController as ConformalController
 from .constant_velocity import ConstantVelocityController as ConstantVelocityController
 from .dynamic_window import DynamicWindow as DynamicWindow
 from .ecp import EgocentricConformalPlanner as EgocentricConformalPlanner
+from .fcp import FunctionalConformalPlanner as FunctionalConformalPlanner
 from .moussaid_force import MoussaidForce as MoussaidForce
 from .orca import Orca as Orca
 from .policy import Policy as Policy
@@ -16,5 +17,5 @@ from .social_force import SocialForceController as SocialForceController
 from .withdrawing import Withdrawing as Withdrawing
 from ..framework.mpc.planner.planner import Planner as Planner
 from ..nav2.server.navigator import Nav2 as Nav2
-__all__ = ['AdaptiveConformalPlanner', 'BilevelOrca', 'ConformalController', 'ConstantVelocityController', 'DynamicWindow', 'EgocentricConformalPlanner', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
+__all__ = ['AdaptiveConformalPlanner', 'BilevelOrca', 'ConformalController', 'ConstantVelocityController', 'DynamicWindow', 'EgocentricConformalPlanner', 'FunctionalConformalPlanner', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
 BUILT_IN: dict[str, str]

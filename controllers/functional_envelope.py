@@ -46,10 +46,14 @@ class FieldGrid:
         middle = 0.5 * (low + high)
         return cls((float(middle[0]), float(middle[1])), float((high - low).max()), cells)
 
+    def sides(self) -> tuple[Array, Array]:
+        """Return x of the columns and y of the rows, (cells,) each, m."""
+        side = np.linspace(-0.5, 0.5, self.cells) * self.width
+        return side + self.centre[0], side + self.centre[1]
+
     def points(self) -> Array:
         """Middles of the cells, (cells^2, 2), m, row by row."""
-        side = np.linspace(-0.5, 0.5, self.cells) * self.width
-        x, y = np.meshgrid(side + self.centre[0], side + self.centre[1])
+        x, y = np.meshgrid(*self.sides())
         return np.stack([x.ravel(), y.ravel()], axis=1)
 
     def nearest(self, points: Array) -> tuple[IntArray, BoolArray]:
@@ -99,19 +103,16 @@ class FunctionalEnvelope:
         return np.asarray(np.where(inside, known, OUTSIDE))
 
 
-def distance_field(points: Array, places: Array) -> Array:
-    """Distance from points (P, 2) to the nearest of places (K, 2), (P,), m.
+def distance_field(grid: FieldGrid, places: Array) -> Array:
+    """Distance from the cells of a grid to the nearest of places (K, 2), (cells^2,), m.
 
     Places that are NaN do not count; infinite without any.
     """
-    known = places[np.isfinite(places).all(axis=1)]
-    return np.asarray(np.sqrt(_squared_distance(points, known).min(axis=0, initial=np.inf)))
-
-
-def _squared_distance(points: Array, places: Array) -> Array:
-    """From points (P, 2) to places (K, 2), (K, P), m^2."""
-    x, y = points.T
-    return np.asarray((x - places[:, :1]) ** 2 + (y - places[:, 1:]) ** 2)
+    places = places[np.isfinite(places).all(axis=1)]
+    x, y = grid.sides()
+    across, along = (x - places[:, :1]) ** 2, (y - places[:, 1:]) ** 2
+    square = (along[:, :, None] + across[:, None, :]).min(axis=0, initial=np.inf)
+    return np.asarray(np.sqrt(square).ravel())
 
 
 @dataclass(frozen=True)
@@ -182,37 +183,52 @@ class EnvelopeFit:
         ------
         WideberthError : too few rows for the tail.
         """
-        points, upper = grid.points(), []
-        fields = np.zeros((len(predicted), len(points)))
+        upper, fields = [], np.zeros((len(predicted), grid.cells**2))
         for step in range(predicted.shape[1]):
-            known, found = residual_fields(points, predicted[:, step], actual[:, step])
+            known, found = residual_fields(grid, predicted[:, step], actual[:, step])
             fields[known] = found  # as published, others keep those of the step before
             used = fields if self.as_published else found
             upper.append(tuple(self.upper(used).tolist()))
         return FunctionalEnvelope(grid, tuple(upper), dt)
 
     def upper(self, fields: Array) -> Array:
-        """U, (P,), m, of fields (R, P), m.
+        """U, (P,), m, of fields (R, P), m, dealt to two parts by chance.
 
         Raises
         ------
         WideberthError : too few rows for the tail.
         """
-        order = RandomState(self.seed).permutation(len(fields))
-        held, learning = np.split(order, [math.ceil(self.held_out * len(fields))])
-        basis = _Basis.of(fields if self.as_published else fields[learning], self.components)
-        scores = basis.scores(fields)
-        left = fields - basis.fields(scores)
+        held, learning = self.parts(len(fields))
+        return self.bound(fields[learning], fields[held])
+
+    def parts(self, rows: int) -> tuple[IntArray, IntArray]:
+        """Return which rows calibrate, and which components and mixture are fitted to."""
+        order = RandomState(self.seed).permutation(rows)
+        held = math.ceil(self.held_out * rows)
+        return order[:held], order[held:]
+
+    def bound(self, learning: Array, held: Array) -> Array:
+        """U, (P,), m, of the fields (R, P), m, of both parts.
+
+        Raises
+        ------
+        WideberthError : too few rows for the tail.
+        """
+        known = np.concatenate([learning, held]) if self.as_published else learning
+        basis = _Basis.of(known, self.components)
+        scores = basis.scores(held)
+        left = held - basis.fields(scores)
         slack = (-left if self.as_published else left).max(axis=1, initial=0.0)
-        mixture = fitted_mixture(scores[learning], self.mixture, RandomState(self.seed))
-        likely = mixture.log_densities(scores[held]).max(axis=1)
+        draws = RandomState(self.seed)
+        mixture = fitted_mixture(basis.scores(learning), self.mixture, draws)
+        likely = mixture.log_densities(scores).max(axis=1)
         if self.as_published:
             level = float(np.quantile(likely, self.tail))
-            epsilon = float(np.quantile(slack[held], 1.0 - self.tail))
+            epsilon = float(np.quantile(slack, 1.0 - self.tail))
         else:
             level = -rank_quantile(-likely, 0.5 * self.tail)
-            epsilon = rank_quantile(slack[held], 0.5 * self.tail)
-        return basis.mean + _support(mixture, level, basis.components) + epsilon
+            epsilon = rank_quantile(slack, 0.5 * self.tail)
+        return np.asarray(basis.mean + _support(mixture, level, basis.components) + epsilon)
 
 
 def rank_quantile(scores: Array, tail: float) -> float:
@@ -233,19 +249,19 @@ def rank_quantile(scores: Array, tail: float) -> float:
     return float(np.sort(scores)[rank - 1])
 
 
-def residual_fields(points: Array, predicted: Array, actual: Array) -> tuple[IntArray, Array]:
+def residual_fields(grid: FieldGrid, predicted: Array, actual: Array) -> tuple[IntArray, Array]:
     """D_pred - D of those rows of one step in which both are known: their indices, and fields.
 
     Parameters
     ----------
-    points : (P, 2), m.
+    grid : of the fields.
     predicted, actual : (R, K, 2) and (R, J, 2), m, NaN where there is no one.
     """
     present = [np.isfinite(places[..., 0]).any(axis=1) for places in (predicted, actual)]
     known = np.flatnonzero(present[0] & present[1])
-    fields = [distance_field(points, predicted[row]) - distance_field(points, actual[row])
+    fields = [distance_field(grid, predicted[row]) - distance_field(grid, actual[row])
               for row in known]  # fmt: skip
-    return known, np.array(fields).reshape(len(known), len(points))
+    return known, np.array(fields).reshape(len(known), grid.cells**2)
 
 
 @dataclass(frozen=True, eq=False)

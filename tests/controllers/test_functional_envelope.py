@@ -30,7 +30,7 @@ def drawn(rng, rows, steps=1, people=3):
 def missed(envelope, predicted, actual):
     """Share of rows whose first field rises above the envelope anywhere on the grid."""
     points = envelope.grid.points()
-    _, fields = residual_fields(points, predicted[:, 0], actual[:, 0])
+    _, fields = residual_fields(envelope.grid, predicted[:, 0], actual[:, 0])
     return (fields > envelope.at(points, 0)).any(axis=1)
 
 
@@ -59,14 +59,14 @@ def test_distance_field_is_the_nearest_of_all():
     wanted = [
         min(np.hypot(*(point - place)) for place in places[[0, 1, 3, 4]]) for point in points
     ]
-    np.testing.assert_allclose(distance_field(points, places), wanted)
-    assert np.isinf(distance_field(points, places[2:3])).all()
+    np.testing.assert_allclose(distance_field(GRID, places), wanted)
+    assert np.isinf(distance_field(GRID, places[2:3])).all()
 
 
 def test_rows_without_anybody_have_no_field():
     predicted, actual = drawn(np.random.default_rng(1), 3)
     actual[1] = np.nan
-    known, fields = residual_fields(GRID.points(), predicted[:, 0], actual[:, 0])
+    known, fields = residual_fields(GRID, predicted[:, 0], actual[:, 0])
     assert known.tolist() == [0, 2] and fields.shape == (2, 81)
 
 
