@@ -17,6 +17,7 @@ BUILT_IN: dict[str, str] = {
     "approximation_error": f"{_HERE}.approximation_error:ApproximationError",
     "boundary_risk": f"{_HERE}.boundary_risk:BoundaryRisk",
     "ellipse_construction": f"{_HERE}.ellipse_construction:EllipseConstruction",
+    "field_price": f"{_HERE}.field_price:FieldPrice",
     "forecast_regions": f"{_HERE}.forecast_regions:ForecastRegions",
     "region_gallery": f"{_HERE}.region_gallery:RegionGallery",
     "prediction_benchmark": f"{_HERE}.prediction_benchmark:PredictionBenchmark",

@@ -7,12 +7,14 @@ from .boundary_risk import BoundaryRisk as BoundaryRisk
 from .cascade import CascadeStudy as CascadeStudy
 from .closed_loop_risk import ClosedLoopRisk as ClosedLoopRisk
 from .comparison import Comparison as Comparison
+from .conformal_table import ConformalTable as ConformalTable
 from .conservativeness import Conservativeness as Conservativeness
 from .convex_certificates import ConvexCertificates as ConvexCertificates
 from .cost_comparison import CostComparison as CostComparison
 from .dynamic_matters import DynamicMatters as DynamicMatters
 from .ellipse_construction import EllipseConstruction as EllipseConstruction
 from .encounter import Encounter as Encounter
+from .field_price import FieldPrice as FieldPrice
 from .flight import Flight as Flight
 from .forecast_regions import ForecastRegions as ForecastRegions
 from .guarantees import Guarantees as Guarantees
@@ -27,5 +29,5 @@ from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
 from .wheel_calibration import WheelCalibration as WheelCalibration
-__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'Nav2Rivals', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
+__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'ConformalTable', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FieldPrice', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'Nav2Rivals', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
 BUILT_IN: dict[str, str]
