@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import binom
 
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.drawn_futures import DrawnFutures, DrawnHalfPlanes
@@ -27,8 +28,7 @@ ROBOT, KIND = Unicycle(radius=0.4), DrawnFutures(risk=0.2, doubt=0.1, scenarios=
 
 def view_of(seed: int, people: int = 4) -> PlanningContext:
     """The sample's view, but people walk, with a joint covariance over the steps."""
-    rng, given = np.random.default_rng(seed), sample_view()
-    steps = len(given.times)
+    rng, given, steps = np.random.default_rng(seed), sample_view(), 12
     places, velocities = rng.uniform(1.0, 6.0, (people, 2)), 0.5 * rng.standard_normal((people, 2))
     walk = places[:, None] + 0.5 * np.arange(-7.0, 1.0)[:, None] * velocities[:, None]
     names, noise = (
@@ -37,7 +37,21 @@ def view_of(seed: int, people: int = 4) -> PlanningContext:
     )
     tracks = Tracks(walk, 0.5, names, np.full(people, 0.3), noise)
     forecast = ConstantVelocity(acceleration_density=0.01).predict(tracks, steps)
-    return replace(given, tracks=tracks, forecast=forecast)
+    laid = given.reference
+    shorter = {
+        name: getattr(given, name)[:steps] for name in ("times", "planned", "own", "travel")
+    }
+    reference = Reference(
+        *(part[:steps] for part in (laid.position, laid.direction, laid.speed, laid.curve))
+    )
+    return replace(
+        given,
+        **shorter,
+        tracks=tracks,
+        forecast=forecast,
+        reference=reference,
+        route=given.route[:, :steps],
+    )
 
 
 def broken(drawn: DrawnHalfPlanes, forecast: Forecast, fresh: Array) -> float:
