@@ -14,7 +14,6 @@ from ...robot import Robot
 from ...values.arrays import Array, Scalar, probability, whole
 from ...values.coverage import Coverage, Event
 from ...values.errors import WideberthError
-from ...values.forecast import Forecast
 from ...values.motion import Pose
 from ..levels.base import LevelPolicy, Promise, SharedLevel
 from ..ocp.bodies import Body, discs
@@ -33,7 +32,7 @@ from .base import (
     next_capacity,
     used,
 )
-from .gaussian_discs import KnownDiscs, ObstacleSet, choose_obstacles, within_reach
+from .gaussian_discs import KnownDiscs, ObstacleSet, choose_obstacles, not_wider, within_reach
 from .reachability import lengths
 
 HALF = 0.5
@@ -179,9 +178,7 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
 
     def half_planes(self, robot: Robot, view: PlanningContext) -> "DrawnHalfPlanes":
         """Return the half-planes, those that they keep clear of, and the scenarios behind them."""
-        everyone = ObstacleSet.none(*view.route.shape[1:])
-        if view.tracks is not None and view.forecast is not None:
-            everyone = _obstacles(view.forecast, view.tracks.ids, view.tracks.radius)
+        everyone = _obstacles(view)
         normal = _normals(robot, everyone, view)
         free = _Free.of(robot, everyone, normal, view)
         over = self._drawn(view, everyone, normal) - (free.given - free.least)[None]
@@ -197,12 +194,12 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
 
     def _drawn(self, view: PlanningContext, everyone: ObstacleSet, normal: Array) -> Array:
         """Draw futures along the normals, relative to the mean, m, (S, N, O)."""
-        assert view.forecast is not None
         found = np.empty((self.scenarios, *normal.shape[:2]))
         with np.errstate(over="ignore", invalid="ignore"):
             for o, name in enumerate(everyone.ids):
+                assert view.forecast is not None
                 draws = view.forecast.sample_of(o, self._stream(name, view), self.scenarios)
-                away = draws - everyone.mean[:, o]
+                away = draws - view.forecast.weight[o] @ view.forecast.mean[o].swapaxes(0, 1)
                 found[:, :, o] = np.einsum("snd,nd->sn", away, normal[:, o])
             if view.own.any():
                 values, vectors = np.linalg.eigh(view.own)
@@ -314,9 +311,8 @@ class _Free(NamedTuple):
     ) -> "_Free":
         """Compute them of all obstacles."""
         bodies = discs(robot)
-        mean = within_reach(everyone.mean, view.route[1, :1, None])
         room = bodies[0].radius + view.margin + everyone.radius
-        least = np.einsum("nod,nod->no", normal, mean) + room
+        least = np.einsum("nod,nod->no", normal, everyone.mean) + room
         planned = np.einsum("nod,nd->no", normal, view.planned) - farthest(bodies)
         here = np.einsum("nod,nd->no", normal, view.route[1])
         beyond = here - view.travel[:, None] - sqrt(robot.dimension) * farthest(bodies)
@@ -324,13 +320,18 @@ class _Free(NamedTuple):
         return cls(least, given, beyond)
 
 
-def _obstacles(forecast: Forecast, ids: tuple[str, ...], radius: Array) -> ObstacleSet:
+def _obstacles(view: PlanningContext) -> ObstacleSet:
     """Return one disc per obstacle, with mean and covariance of all its modes together."""
-    mean = np.einsum("om,omnd->ond", forecast.weight, forecast.mean)
-    apart = forecast.mean - mean[:, None]
-    square = forecast.covariance + apart[..., :, None] * apart[..., None, :]
-    covariance = np.einsum("om,omnij->onij", forecast.weight, square)
-    return ObstacleSet(mean.swapaxes(0, 1), covariance.swapaxes(0, 1), radius, ids)
+    if view.tracks is None or view.forecast is None:
+        return ObstacleSet.none(*view.route.shape[1:])
+    forecast, here = view.forecast, view.route[1, :1, None]
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = np.einsum("om,omnd->ond", forecast.weight, forecast.mean)
+        apart = forecast.mean - mean[:, None]
+        square = forecast.covariance + apart[..., :, None] * apart[..., None, :]
+        covariance = np.einsum("om,omnij->onij", forecast.weight, square).swapaxes(0, 1)
+    mean = within_reach(mean.swapaxes(0, 1), here)
+    return ObstacleSet(mean, not_wider(covariance), view.tracks.radius, view.tracks.ids)
 
 
 def _normals(robot: Robot, everyone: ObstacleSet, view: PlanningContext) -> Array:

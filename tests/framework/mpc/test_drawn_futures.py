@@ -178,3 +178,32 @@ def test_other_kinds_promise_no_plan() -> None:
     drive(made, 0.6, 3)
     assert made.plan is not None and np.isnan(made.plan.risk)
     assert isinstance(made.level, Fixed)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("scale", [0.0, 1.0, 1e12, 1e300])
+@pytest.mark.parametrize("shift", [0.0, 1e8, 1e200, 1e307])
+def test_numbers_of_any_size_become_such_as_a_solver_can_take(scale: float, shift: float) -> None:
+    view = view_of(3)
+    assert view.forecast is not None
+    mean, covariance = view.forecast.mean[:, 0], view.forecast.covariance[:, 0]
+    far = Forecast.single(mean + shift, scale * covariance, 0.5)
+    found = KIND.choose(ROBOT, replace(view, forecast=far)).numbers.parameters
+    assert np.isfinite(found).all() and np.abs(found).max() < 1e7
+
+
+def test_the_modes_of_a_forecast_are_drawn_by_their_weights() -> None:
+    """Where a person goes one way or another, fresh futures of both keep the risk."""
+    view = view_of(3, people=1)
+    assert view.forecast is not None
+    mean, covariance = view.forecast.mean, view.forecast.covariance
+    aside = np.zeros_like(mean)
+    aside[..., 1] = 3.0
+    two = np.concatenate([mean, mean - aside], axis=1), np.concatenate([covariance] * 2, axis=1)
+    for light in (1e-6, 0.01, 0.5):
+        forecast = Forecast(*two, np.array([[1.0 - light, light]]), 0.5, (None,))
+        drawn = KIND.half_planes(ROBOT, replace(view, forecast=forecast))
+        fresh = forecast.sample(np.random.default_rng(0), 10_000)
+        along = np.einsum("nod,sond->sno", drawn.planes.normal, fresh)
+        offset = np.einsum("nod,nod->no", drawn.planes.normal, drawn.kept.mean)
+        assert (along > offset + drawn.planes.room).any(axis=(1, 2)).mean() <= KIND.risk
