@@ -167,6 +167,32 @@ class PairedMean:
     p_value: float
 
 
+def ratio(part: Any, whole_of: Any) -> Any:
+    """Ratio of numbers or arrays, 0 where there is nothing to divide by."""
+    return np.where(whole_of > 0, part / np.where(whole_of > 0, whole_of, 1.0), 0.0)[()]
+
+
+def ratio_interval(parts: Array, wholes: Array) -> tuple[float, float]:
+    """Bootstrap interval of sum(parts) / sum(wholes), drawing whole episodes or blocks.
+
+    Parameters
+    ----------
+    parts, wholes : (K,), of each of them.
+
+    Examples
+    --------
+    >>> ratio_interval(np.array([1.0, 1.0, 1.0]), np.array([2.0, 2.0, 2.0]))
+    (0.5, 0.5)
+    """
+
+    def share(drawn: Array) -> Array:
+        rows = drawn.astype(np.int64)
+        return np.asarray(ratio(parts[rows].sum(axis=-1), wholes[rows].sum(axis=-1)))
+
+    numbers = np.arange(len(parts), dtype=np.float64)
+    return bootstrap_interval(numbers, np.random.default_rng(0), share, resamples=1000)
+
+
 def block_bootstrap(
     differences: ArrayLike,
     blocks: Sequence[Any],

@@ -13,7 +13,7 @@ from ...framework.mpc.planner.planner import Planner
 from ...framework.region import RiskLevel
 from ...framework.risk.collision_probability import collision_probability
 from ...framework.values.arrays import Array, whole
-from ...metrics.statistics import bootstrap_interval, clopper_pearson
+from ...metrics.statistics import clopper_pearson, ratio, ratio_interval
 from ...simulation.engine.agents import ReplayAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
@@ -163,15 +163,15 @@ class ClosedLoopRisk(GridStudy):
         line: Row = {"episodes": len(rows), "pairs": int(sums["pairs"].sum())}
         line["left_out"] = float(1.0 - column(rows, "kept").sum() / column(rows, "plans").sum())
         for name, (part, whole_of) in RATIOS.items():
-            line[name] = _share(sums[part].sum(), sums[whole_of].sum())
-            line[f"{name}_low"], line[f"{name}_high"] = interval(sums[part], sums[whole_of])
+            line[name] = ratio(sums[part].sum(), sums[whole_of].sum())
+            line[f"{name}_low"], line[f"{name}_high"] = ratio_interval(sums[part], sums[whole_of])
             if name == "outside":
                 line["outside_nominal"] = planner.region.tail(held, size)
                 line |= _single(rows, "outside")
             elif name == "touched":
                 line["touched_nominal"] = allowed(planner)
                 line |= _single(rows, "touched")
-        line["near_expected"] = _share(sums["near_expected"].sum(), sums["near"].sum())
+        line["near_expected"] = ratio(sums["near_expected"].sum(), sums["near"].sum())
         return line
 
     @property
@@ -197,22 +197,6 @@ def allowed(planner: Planner) -> float:
     region, size = planner.region, planner.robot.dimension
     held = float(planner.level.levels(region, 1, 1, size)[0, 0])
     return region.risk(held) if isinstance(region, RiskLevel) else planner.level.tail
-
-
-def interval(parts: Array, wholes: Array) -> tuple[float, float]:
-    """Bootstrap interval of sum(parts) / sum(wholes), drawing whole episodes, (K,) each."""
-
-    def share(drawn: Array) -> Array:
-        rows = drawn.astype(np.int64)
-        return np.asarray(_share(parts[rows].sum(axis=-1), wholes[rows].sum(axis=-1)))
-
-    numbers = np.arange(len(parts), dtype=np.float64)
-    return bootstrap_interval(numbers, np.random.default_rng(0), share, resamples=1000)
-
-
-def _share(part: Any, whole_of: Any) -> Any:
-    """Ratio, 0 where there is nothing to divide by."""
-    return np.where(whole_of > 0, part / np.where(whole_of > 0, whole_of, 1.0), 0.0)[()]
 
 
 def _single(rows: list[Row], name: str) -> Row:

@@ -18,7 +18,7 @@ from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import Array, whole
 from ...framework.values.coverage import Coverage, Event
-from ...metrics.statistics import known_mean
+from ...metrics.statistics import known_mean, ratio_interval
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.kept_clear import KeptClear, people_of
@@ -27,13 +27,12 @@ from ...simulation.scenarios.base import Scenario
 from ...simulation.scenarios.recorded_scene import SCENES, RecordedScene
 from ..drawing.plotting import PAGE, few, legend_below, subplots, title
 from ..engine.closed_loop import check_starts, column, group, inputs_of, play
-from .closed_loop_risk import interval
 from .fitting import AS_GIVEN, NOTHING, fitted
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .prediction_data import PredictionData, SceneFiles
 from .variants import planner_of
 
-BLOCK = 25
+BLOCK = 100
 """Episodes per task: they share a planner that is fitted once."""
 APART = 1_000_000
 """Seeds that calibration adds to its own, so that it never sees an episode that is counted."""
@@ -354,7 +353,7 @@ def _share(name: str, rows: list[Row], counted: str) -> Row:
     blocks = group(rows, "block").values()
     parts = np.array([column(some, f"{counted}_missed").sum() for some in blocks])
     wholes = np.array([column(some, counted).sum() for some in blocks])
-    low, high = interval(parts, wholes)
+    low, high = ratio_interval(parts, wholes)
     share = float(parts.sum() / max(wholes.sum(), 1.0))
     return {name: share, f"{name}_low": low, f"{name}_high": high}
 

@@ -11,7 +11,7 @@ from ...framework.controller import driving
 from ...framework.tracking.windows import windows_of
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.forecast import content_bound
-from ...metrics.statistics import known_mean
+from ...metrics.statistics import known_mean, ratio_interval
 from ...predictors.conformal import Conformal
 from ...predictors.core.calibration import replayed, squared_distances
 from ...simulation.engine.settings import Settings
@@ -19,7 +19,6 @@ from ...simulation.measures.summary import summarise
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import PAGE, few, legend_below, subplots, title
 from ..engine.closed_loop import check_starts, column, group, inputs_of, play
-from .closed_loop_risk import interval
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .guarantees import MISSES, seen_tracks
 from .variants import planner_of
@@ -181,7 +180,7 @@ class ReactingCalibration(GridStudy):
         event = MISSES[predictor.coverage.event]
         for name, counted in (("missed", event), *((f"{name}_missed", name) for name in COUNTED)):
             parts, wholes = (column(rows, f"{counted}{end}") for end in ("_missed", ""))
-            low, high = interval(parts, wholes)
+            low, high = ratio_interval(parts, wholes)
             share = float(parts.sum() / max(wholes.sum(), 1.0))
             line |= {name: share, f"{name}_low": low, f"{name}_high": high}
         return line | {

@@ -14,11 +14,11 @@ from wideberth.experiments.studies.closed_loop_risk import (
     COUNTED,
     ClosedLoopRisk,
     allowed,
-    interval,
 )
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.values.errors import WideberthError
+from wideberth.metrics.statistics import ratio_interval
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.simulation.scenarios import model_crowd
 from wideberth.simulation.scenarios.model_crowd import (
@@ -187,10 +187,10 @@ def test_intervals_count_episodes_not_pairs():
     """Episodes of ten pairs that fare alike: ten times the pairs, the same interval."""
     rng = np.random.default_rng(0)
     hits = (rng.random(400) < 0.2).astype(float)
-    one = interval(hits, np.ones(400))
-    assert interval(10 * hits, np.full(400, 10.0)) == pytest.approx(one)
+    one = ratio_interval(hits, np.ones(400))
+    assert ratio_interval(10 * hits, np.full(400, 10.0)) == pytest.approx(one)
     assert one[1] - one[0] == pytest.approx(2 * 1.96 * np.sqrt(0.16 / 400), rel=0.15)
-    assert interval(np.zeros(5), np.zeros(5)) == (0.0, 0.0)
+    assert ratio_interval(np.zeros(5), np.zeros(5)) == (0.0, 0.0)
 
 
 def test_settings_that_make_no_experiment_are_refused():
