@@ -9,6 +9,7 @@ BUILT_IN: dict[str, str] = {
     "holonomic_3d": "wideberth.robots.holonomic_3d:Holonomic3D",
     "holonomic_velocity": "wideberth.robots.holonomic_velocity:HolonomicVelocity",
     "unicycle": "wideberth.robots.unicycle:Unicycle",
+    "unicycle_velocity": "wideberth.robots.unicycle_velocity:UnicycleVelocity",
 }
 
 __getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

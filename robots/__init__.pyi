@@ -8,5 +8,6 @@ from .holonomic import Holonomic as Holonomic
 from .holonomic_3d import Holonomic3D as Holonomic3D
 from .holonomic_velocity import HolonomicVelocity as HolonomicVelocity
 from .unicycle import Unicycle as Unicycle
-__all__ = ['Bicycle', 'DifferentialDrive', 'Holonomic', 'Holonomic3D', 'HolonomicVelocity', 'Unicycle']
+from .unicycle_velocity import UnicycleVelocity as UnicycleVelocity
+__all__ = ['Bicycle', 'DifferentialDrive', 'Holonomic', 'Holonomic3D', 'HolonomicVelocity', 'Unicycle', 'UnicycleVelocity']
 BUILT_IN: dict[str, str]

@@ -67,13 +67,15 @@ class RecordedCourse:
         who = [int(index) for index in np.flatnonzero(self.seen[:, row])]
         return who, self.recording.positions[who, row]
 
-    def observation(self, robot: Robot, row: int, pose: Array, twist: Twist) -> Observation:
-        """Return what a robot sees at a row: everyone, at once and exactly."""
+    def observation(
+        self, robot: Robot, row: int, pose: Array, twist: Twist, radius: float = PERSON
+    ) -> Observation:
+        """Return what a robot sees at a row: everyone, at once and exactly, of that radius, m."""
         who, places = self.people(row)
         x, y, heading = (float(value) for value in pose)
         state = np.array(robot.state_at(Pose((x, y), heading), twist), dtype=np.float64)
         seen = tuple(
-            Detection(self.recording.ids[one], place, np.zeros((2, 2)), PERSON)
+            Detection(self.recording.ids[one], place, np.zeros((2, 2)), radius)
             for one, place in zip(who, places, strict=True)
         )
         truth = self.recording.truth()
@@ -180,6 +182,7 @@ def drive(
     *,
     standing: int = STANDING,
     to_the_end: bool = False,
+    radius: float = PERSON,
 ) -> Drive:
     """Play an episode: at each row the robot sees, decides, and drives on by Euler's rule.
 
@@ -194,6 +197,7 @@ def drive(
     rows : of the recording, see `RecordedCourse.episode`.
     standing : rows at first at which the robot sees without deciding.
     to_the_end : whether it goes on after it has arrived.
+    radius : m, of the people, as the controller is given it.
     """
     robot = controller.robot if isinstance(controller, DrivesRobot) else ROBOT
     dt, log = course.recording.dt, _Log()
@@ -204,7 +208,7 @@ def drive(
         log.add(course, row, pose, float(twist.linear[0]))
         if k >= standing and log.left[-1] <= NEAR and not to_the_end:
             break
-        seen = course.observation(robot, row, pose, twist)
+        seen = course.observation(robot, row, pose, twist, radius)
         if k < standing:
             controller.remember(seen)
             continue

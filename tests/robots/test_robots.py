@@ -20,6 +20,7 @@ from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.robots.unicycle_velocity import UnicycleVelocity
 from wideberth.tests.helpers.contracts import Contract
 
 
@@ -84,6 +85,17 @@ def test_constant_twist_drives_a_circle(robot, v, omega):
     exact = (1 + v / omega * (sin(turn) - sin(0.3)), 2 - v / omega * (cos(turn) - cos(0.3)))
     assert end.position == pytest.approx(exact, abs=1e-9)
     assert end.heading == pytest.approx(turn, abs=1e-12)
+
+
+def test_velocities_as_input_drive_the_same_circle():
+    """At once, and at rest as soon as they are 0."""
+    robot, v, omega = UnicycleVelocity(), 0.5, 0.2
+    end = step(robot, (1.0, 2.0, 0.3), (v, omega), 4.0, substeps=100)
+    turn = 0.3 + 4.0 * omega
+    exact = (1 + v / omega * (sin(turn) - sin(0.3)), 2 - v / omega * (cos(turn) - cos(0.3)), turn)
+    assert end == pytest.approx(exact, abs=1e-9)
+    assert robot.drive(end, Twist((2.0, 1.0), -3.0), 0.1) == (0.8, -0.7)
+    assert step(robot, end, (0.0, 0.0), 4.0) == pytest.approx(end)
 
 
 def test_holonomic_follows_the_parabola():
