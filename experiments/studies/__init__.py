@@ -32,6 +32,7 @@ BUILT_IN: dict[str, str] = {
     "wheel_calibration": f"{_HERE}.wheel_calibration:WheelCalibration",
     "guarantees": f"{_HERE}.guarantees:Guarantees",
     "reacting_calibration": f"{_HERE}.reacting_calibration:ReactingCalibration",
+    "first_sight": f"{_HERE}.first_sight:FirstSight",
 }
 """Name of a study -> where its class is."""
 

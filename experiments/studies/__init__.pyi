@@ -15,6 +15,7 @@ from .dynamic_matters import DynamicMatters as DynamicMatters
 from .ellipse_construction import EllipseConstruction as EllipseConstruction
 from .encounter import Encounter as Encounter
 from .field_price import FieldPrice as FieldPrice
+from .first_sight import FirstSight as FirstSight
 from .flight import Flight as Flight
 from .forecast_regions import ForecastRegions as ForecastRegions
 from .guarantees import Guarantees as Guarantees
@@ -29,5 +30,5 @@ from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
 from .wheel_calibration import WheelCalibration as WheelCalibration
-__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'ConformalTable', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FieldPrice', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'Nav2Rivals', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
+__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'ConformalTable', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FieldPrice', 'FirstSight', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'Nav2Rivals', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
 BUILT_IN: dict[str, str]
