@@ -18,7 +18,7 @@ from ..costs.base import Cost
 from ..costs.tracking import Tracking
 from ..levels.base import LevelPolicy, mixed_up
 from ..slots.base import CAPACITIES, SelectiveKind, SlotKind, shared_target
-from ..slots.gaussian_discs import GaussianDiscs
+from ..slots.gaussian_discs import GaussianDiscs, OfDiscs
 from ..slots.static_polygons import StaticPolygons
 from ..solver import Solver
 from .own_uncertainty import Growth
@@ -156,9 +156,7 @@ def check_settings(planner: PlannerSettings) -> None:
             f"the robot moves in {planner.robot.dimension} dimensions; the region "
             f"{type(planner.region).__name__} is made for {planner.region.dimensions}"
         )
-    for kind in planner.further_kinds:
-        if isinstance(kind, SelectiveKind):
-            kind.refuse(planner.level, planner.penalty, planner.most_obstacles)
+    _check_kinds(planner)
     planner.level.levels(planner.region, 1, 1, planner.robot.dimension)
     if planner.static_region is not None and planner.robot.dimension != 2:
         raise WideberthError(
@@ -193,6 +191,26 @@ def doubts(settings: PlannerSettings) -> tuple[str, ...]:
     if words := mixed_up(describe(settings.level).get("tail", 0.0)):
         found.append(f"level.{words}")
     return tuple(found)
+
+
+def _check_kinds(planner: PlannerSettings) -> None:
+    """Refuse settings that the kinds of things to keep clear of do not go with.
+
+    Raises
+    ------
+    WideberthError : as the kind says, or steps at rest that none of them knows.
+    """
+    for kind in planner.further_kinds:
+        if isinstance(kind, SelectiveKind):
+            kind.refuse(planner.level, planner.penalty, planner.most_obstacles)
+    if planner.fallback.steps_at_rest and not any(
+        isinstance(kind, GaussianDiscs | OfDiscs) for kind in planner.kinds
+    ):
+        raise WideberthError(
+            f"fallback.steps_at_rest is {planner.fallback.steps_at_rest}, and none of the kinds "
+            f"{[type(kind).__name__ for kind in planner.kinds]} knows regions after a plan's end; "
+            "set it to 0"
+        )
 
 
 def _check_sizes(planner: PlannerSettings) -> None:

@@ -32,9 +32,16 @@ at least sqrt(rho'^2 - (l / 2)^2) by Pythagoras, which is rho or more for
 
 That the hull holds the robot itself is excluded by letting both ellipses grow from their centres:
 the distance is continuous, and never below rho. To l the displacement of the robot against the
-mean adds its length at most; the ellipses' own points, at a right angle to the normal, s (a - b)
-each, the difference of the largest and the smallest deviation, and nothing where they are round.
-With the bend of the robot's way added to rho' the bound is complete.
+mean adds its length at most; the ellipses' own points only what they move at a right angle to the
+normal, the difference of s T Sigma n / sqrt(n . Sigma n) at both ends, T the projection along n.
+Let a >= b be the largest and smallest deviation of an ellipse, D the difference of covariances and
+d >= c its largest and smallest eigenvalue. Since |T Sigma n| <= (a^2 - b^2) / 2, and likewise of
+D, the difference is at most s (a - b) of both ends together, and at most
+
+    s (d - c) / (2 b_1) + s (a_0^2 - b_0^2) |D| / (2 b_0 b_1 (b_0 + b_1)),
+
+and nothing where covariances are round. With the bend of the robot's way added to rho' the bound
+is complete.
 """
 
 from dataclasses import dataclass
@@ -210,13 +217,14 @@ class BetweenSteps(OfDiscs):
     In a planner's ``further_kinds`` it takes the place of `GaussianDiscs`, whose name it has.
     To the radius of each obstacle it adds what a step can lose at most::
 
-        sqrt(rho^2 + (l / 2)^2) - rho + bend,    l = v dt + max |mu_{i+1} - mu_i| + s (a - b) twice
+        sqrt(rho^2 + (l / 2)^2) - rho + bend,    l = max (v dt + |mu_{i+1} - mu_i| + turn_i)
 
-    with rho the radii and the margin, v the robot's largest speed, and the bend the largest within
-    its limits. A plan that keeps its regions, of a kind that holds the exact sum of ellipse and
-    disc, then keeps those of rho between steps 1..N as well. For regions inside of the exact sum
-    that holds around round covariances, where they are the sum. A planner with it needs no other
-    margin for what lies between.
+    with rho the radii and the margin, v the robot's largest speed, the turn of the ellipses' own
+    points, see above, and the largest bend within the robot's limits. A plan that keeps its
+    regions, of a kind that holds the exact sum of ellipse and disc, then keeps those of rho
+    between steps 1..N as well. For regions inside of that sum the same holds around round
+    covariances, where they are the sum. A planner with it needs no other margin for what lies
+    between.
 
     Parameters
     ----------
@@ -263,12 +271,10 @@ class BetweenSteps(OfDiscs):
                 f"the slot kind between_steps is made for robots of one disc with a largest "
                 f"speed; got {robot}"
             )
-        way = np.linalg.norm(np.diff(forecast.mean, axis=2), axis=-1).max(axis=(1, 2), initial=0.0)
         scale = self.levels(view.level, forecast.steps, len(tracks), robot.dimension).max()
-        values = np.linalg.eigvalsh(forecast.covariance + view.own)
-        deviations = np.sqrt(np.maximum(values[..., [0, -1]], 0.0))
-        aside = max(scale, 0.0) * np.diff(deviations, axis=-1)[..., 0].max(axis=(1, 2))
-        half = 0.5 * (robot.max_speed * view.dt + way) + aside
+        way = np.linalg.norm(np.diff(forecast.mean, axis=2), axis=-1)
+        way += max(scale, 0.0) * turned_aside(forecast.covariance + view.own)
+        half = 0.5 * (robot.max_speed * view.dt + way.max(axis=(1, 2), initial=0.0))
         rho = bodies[0].radius + view.margin + tracks.radius
         return np.asarray(np.hypot(rho, half) - rho + largest_bend(robot, view.dt))
 
@@ -280,6 +286,24 @@ class BetweenSteps(OfDiscs):
         """Quote the region, and say what the radius is."""
         grown = "The obstacle's radius holds what a step can lose, see `BetweenSteps`."
         return f"{self.discs.explanation(dimension)}\n\n{grown}"
+
+
+def turned_aside(covariance: Array) -> Array:
+    """How far points of ellipses of level 1 move at a right angle to their normal, at most, m.
+
+    Between each two steps, (..., N, D, D) -> (..., N - 1), see above.
+    """
+    values = np.maximum(np.linalg.eigvalsh(covariance), 0.0)
+    small, large = np.sqrt(values[..., 0]), np.sqrt(values[..., -1])
+    change = np.linalg.eigvalsh(np.diff(covariance, axis=-3))
+    first, last = small[..., :-1], small[..., 1:]
+    lengths = first * last * (first + last)
+    spread, most = change[..., -1] - change[..., 0], np.abs(change).max(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        smooth = 0.5 * spread / last
+        smooth += 0.5 * (values[..., :-1, -1] - values[..., :-1, 0]) * most / lengths
+    apart = large - small
+    return np.asarray(np.fmin(smooth, apart[..., :-1] + apart[..., 1:]))
 
 
 @lru_cache(maxsize=16)

@@ -23,6 +23,7 @@ from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.mpc.planner.verify import entered
 from wideberth.framework.mpc.slots.at_rest import EndOfPlan, positive_part
 from wideberth.framework.mpc.slots.between_steps import BetweenSteps
+from wideberth.framework.mpc.slots.drawn_futures import DrawnFutures
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.slots.ways import Ways
 from wideberth.framework.mpc.solver import Solution, Solver
@@ -273,6 +274,12 @@ def test_plans_that_need_not_end_at_rest_are_refused() -> None:
         Fallback(steps_at_rest=1)
     with pytest.raises(WideberthError, match="steps_at_rest"):
         Fallback(stop_at_end=True, steps_at_rest=-1)
+
+
+def test_kinds_that_know_no_regions_after_the_end_are_refused() -> None:
+    with pytest.raises(WideberthError, match="none of the kinds"):
+        World(0, further_kinds=(DrawnFutures(),))
+    World(0, further_kinds=(DrawnFutures(),), fallback=Fallback(stop_at_end=True))
 
 
 def test_a_forecast_is_cut_with_its_joint_covariance() -> None:

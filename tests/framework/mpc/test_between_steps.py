@@ -13,6 +13,7 @@ from wideberth.framework.mpc.slots.between_steps import (
     entered_between,
     largest_bend,
     plan_between,
+    turned_aside,
 )
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs
 from wideberth.framework.plugins.config import build, describe
@@ -207,6 +208,33 @@ def test_the_radius_grows_by_what_a_pass_of_discs_loses() -> None:
         way = np.array([[-3.0 * half, height], [-half, height], [half, height]])
         deep = entered_between(MahalanobisEllipse(), way, parameters, np.ones((2, 1)))
         assert (deep[0, 0] > 1e-9) == entered
+
+
+def test_points_of_ellipses_turn_aside_no_farther() -> None:
+    """Dense normals; near to it where ellipses grow as they are, and nothing for round ones."""
+    rng = np.random.default_rng(5)
+    angle = np.linspace(0.0, np.pi, 720)
+    n = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    t = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+
+    def aside(covariance: Array) -> Array:
+        along = np.maximum(np.einsum("ki,ij,kj->k", n, covariance, n), 1e-300)
+        return np.asarray(np.einsum("ki,ij,kj->k", t, covariance, n) / np.sqrt(along))
+
+    for case in range(300):
+        deviations = 10.0 ** rng.uniform(-2.0, 0.0, (1, 2))
+        first = turned(rng, deviations)[0]
+        grown = rng.uniform(1.0, 1.2) ** 2 * first
+        other = grown if case % 2 else grown + 0.1 * turned(rng, deviations)[0]
+        truth = np.abs(aside(other) - aside(first)).max()
+        found = turned_aside(np.stack([first, other]))[0]
+        assert found >= truth - 1e-9
+        apart = 2.4 * np.ptp(deviations)
+        assert found <= apart + 1e-9 or not case % 2
+    equal = np.tile(first, (2, 1, 1))
+    assert turned_aside(equal)[0] == pytest.approx(0.0, abs=1e-9)
+    round_ones = np.stack([np.eye(2), 4.0 * np.eye(2), 0.0 * np.eye(2)])
+    np.testing.assert_allclose(turned_aside(round_ones), 0.0, atol=1e-9)
 
 
 def test_no_arc_bends_farther_than_the_largest() -> None:
