@@ -167,6 +167,11 @@ class EnvelopeFit:
         for name in ("components", "mixture"):
             whole(f"envelope.{name}", getattr(self, name))
 
+    @property
+    def fewest(self) -> int:
+        """Fewest rows of which an envelope is known."""
+        return math.ceil((math.ceil(2.0 / self.tail - 1e-9) - 1) / self.held_out - 1e-9)
+
     def envelope(
         self, grid: FieldGrid, predicted: Array, actual: Array, dt: float
     ) -> FunctionalEnvelope:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...controllers.acp import AdaptiveConformalPlanner
+from ...controllers.fcp import FunctionalConformalPlanner
 from ...controllers.sampled_paths import SampledController
 from ...framework import Controller, WideberthError
 from ...framework.controller import fresh
@@ -23,6 +24,7 @@ from ..engine.closed_loop import column
 from .conformal_forecasts import PublishedForecasts
 from .conformal_protocol import MOST, STANDING, RecordedCourse, drive
 from .crowd import TrackFile
+from .field_rows import calibrated, unbroken
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled
 from .least_hits import least_hits
 
@@ -63,10 +65,13 @@ class Contender:
     controller : decides at every row.
     last_arrival : its time is the last row at which it is at the goal, as the published loop of
         CC has it, which overwrites the first.
+    at_once : it drives from the first row on, and the episode ends at a row without people, as
+        the published loop of FCP has it, which calls the rows until then the steps to the goal.
     """
 
     controller: Controller
     last_arrival: bool = False
+    at_once: bool = False
 
 
 @final
@@ -107,7 +112,8 @@ class ConformalTable(GridStudy):
         "and what becomes of the published rows without the faults of their code?"
     )
     reference: ClassVar[str] = (
-        "dixit2023adaptive,lekeufack2024conformal,shin2025egocentric,efron1993introduction"
+        "dixit2023adaptive,lekeufack2024conformal,shin2025egocentric,shin2026prediction,"
+        "efron1993introduction"
     )
     captions: ClassVar[Mapping[str, str]] = {
         "conformal_table": (
@@ -168,10 +174,16 @@ class ConformalTable(GridStudy):
         """Play one episode."""
         kind, scene, start = (task.settings[name] for name in ("set", "scene", "start"))
         contender, course = self.contenders[task.settings["contender"]], self._course(scene)
-        rows = course.episode(start, LONGEST.get(scene, MOST) if kind == PUBLISHED else MOST)
+        longest = LONGEST.get(scene, MOST) if kind == PUBLISHED else MOST
+        rows = course.episode(start, longest)
+        if contender.at_once:
+            rows = unbroken(course, start, longest)
         controller = self._prepared(contender.controller, kind, scene, start)
+        if isinstance(controller, FunctionalConformalPlanner):
+            controller = calibrated(controller, course, rows, STARTS[scene][0])
+        standing, on = 0 if contender.at_once else STANDING, contender.last_arrival
         begin = perf_counter()
-        found = drive(controller, course, rows, to_the_end=contender.last_arrival)
+        found = drive(controller, course, rows, standing=standing, to_the_end=on)
         seconds = perf_counter() - begin
         arrival, hits = found.arrival(last=contender.last_arrival), found.hits
         row: Row = {
@@ -184,7 +196,7 @@ class ConformalTable(GridStudy):
             "steps": len(rows) if arrival is None else arrival,
             **found.kinds(course),
             "block": f"{scene} {start // BLOCK}",
-            "unavoidable": _unavoidable(self._file(scene), scene, tuple(rows[STANDING:])),
+            "unavoidable": _unavoidable(self._file(scene), scene, rows[standing:]),
         }
         return TaskOutcome([row], [{**task.settings, "episode_s": seconds}])
 

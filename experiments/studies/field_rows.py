@@ -64,6 +64,12 @@ class FieldRows:
             actual[place][: ahead.shape[1]] = np.swapaxes(ahead, 0, 1)
         return cls(rows, predicted, actual, course.recording.dt)
 
+    @property
+    def known(self) -> int:
+        """Fewest rows at a step at which someone is both predicted and there."""
+        both = [np.isfinite(one[..., 0]).any(axis=2) for one in (self.predicted, self.actual)]
+        return int((both[0] & both[1]).sum(axis=0).min(initial=len(self.rows)))
+
     def chosen(self, which: BoolArray) -> "FieldRows":
         """Return some of the rows."""
         return FieldRows(self.rows[which], self.predicted[which], self.actual[which], self.dt)
@@ -115,7 +121,8 @@ def calibrated(
 ) -> FunctionalConformalPlanner:
     """Return FCP with the envelope of an episode.
 
-    It is calibrated outside of the episode, on a grid of the scene. As published it is calibrated
+    It is calibrated outside of the episode, on a grid of the scene; in a recording that is too
+    short for that it stays without an envelope. As published it is calibrated
     on all rows, those of the episode among them, on the grid of the episode that the comparison
     begins with; its cells are then laid over the grid of this one.
 
@@ -128,8 +135,10 @@ def calibrated(
         fitted = _published(course, planner.predictor, begun)
         envelope = replace(fitted, grid=episode_grid(course, rows, episode[0]))
     else:
-        away = rows.outside(episode[0], episode[-1]).paired()
-        envelope = away.calibrated(EnvelopeFit(), scene_grid(course))
+        fit, away = EnvelopeFit(), rows.outside(episode[0], episode[-1]).paired()
+        if away.known < fit.fewest:
+            return planner
+        envelope = away.calibrated(fit, scene_grid(course))
     return replace(planner, envelope=envelope)
 
 

@@ -9,13 +9,14 @@ from wideberth.controllers.acp import AdaptiveConformalPlanner
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.conformal_forecasts import PublishedForecasts
-from wideberth.experiments.studies.conformal_protocol import RecordedCourse
+from wideberth.experiments.studies.conformal_protocol import STANDING, RecordedCourse, drive
 from wideberth.experiments.studies.conformal_table import (
     STARTS,
     ConformalTable,
     Contender,
     compared,
 )
+from wideberth.experiments.studies.field_rows import calibrated, unbroken
 from wideberth.experiments.studies.least_hits import least_hits
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.errors import WideberthError
@@ -134,6 +135,23 @@ def test_quick_run(tmp_path):
         assert line["hits"] == sum(line[kind] for kind in ("newcomers", "standing", "own"))
         assert line["unavoidable"] <= line["hits"] or line["timeouts"]
     assert lines[-1]["difference"] == 0.0 and lines[-1]["p_value"] == 1.0
+
+
+@pytest.mark.parametrize("name", ["fcp_soft_published", "fcp_soft", "fcp_hard"])
+def test_fcp_is_calibrated_for_its_episode_and_as_published_begins_at_once(name):
+    table = shipped().quick()
+    contender, (start, _) = table.contenders[name], STARTS["plaza"]
+    (task,) = [one for one in table.tasks() if one.settings == {
+        "contender": name, "set": "published", "scene": "plaza", "start": start}]  # fmt: skip
+    (row,) = table.measure(task).rows
+    course, published = table._course("plaza"), name.endswith("published")
+    rows = unbroken(course, start) if published else course.episode(start)
+    made = calibrated(contender.controller, course, rows, start)
+    assert (made.envelope is None) == (not published)  # 150 rows are too few beside an episode
+    found = drive(made, course, rows, standing=0 if published else STANDING)
+    assert row["hits"] == found.hits.sum() and row["arrived"] == (found.arrival() is not None)
+    assert row["rows"] == len(found.hits)
+    assert row["steps"] == (found.arrival() if row["arrived"] else len(rows))
 
 
 def test_a_timeout_lasts_as_long_as_the_episode(tmp_path):
