@@ -14,7 +14,11 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene, content_bound
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.episode import squared_mahalanobis
-from wideberth.predictors.functional_constant import FunctionalConstant, field_errors
+from wideberth.predictors.functional_constant import (
+    FunctionalConstant,
+    of_everyone,
+    of_those_seen,
+)
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.static import Static
 
@@ -40,7 +44,7 @@ def test_the_closed_form_is_the_sup_over_a_dense_grid(seed: int) -> None:
     rng = np.random.default_rng(seed)
     predicted, true = rng.uniform(-2, 2, (3, 2, 1, 2)), rng.uniform(-2, 2, (4, 1, 2))
     true[3] = np.nan if seed % 2 else true[3]  # who has left
-    found = float(np.sqrt(field_errors(forecast_of(predicted), np.arange(3), true)[0, 0]))
+    found = float(np.sqrt(of_everyone(forecast_of(predicted), np.arange(3), true)[0, 0]))
     axis = np.arange(-4.0, 4.0, 0.02)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     places = np.concatenate([grid, true[np.isfinite(true[:, 0, 0]), 0]])
@@ -54,11 +58,13 @@ def test_newcomers_count_and_light_modes_do_not() -> None:
     mean[0, 1] = (6.0, 0.0)
     future = np.array([[[0.0, 1.0]], [[6.0, 2.0]]])  # the second was not there before
     both = forecast_of(mean, np.array([[0.9, 0.1]]))
-    assert field_errors(both, np.arange(1), future)[0, 0] == pytest.approx(4.0)
+    assert of_everyone(both, np.arange(1), future)[0, 0] == pytest.approx(4.0)
     light = forecast_of(mean, np.array([[0.999, 0.001]]))
-    assert field_errors(light, np.arange(1), future)[0, 0] == pytest.approx(40.0)
+    assert of_everyone(light, np.arange(1), future)[0, 0] == pytest.approx(40.0)
+    seen = of_those_seen(both, np.arange(1), future)
+    assert seen[0, 0] == pytest.approx(1.0)
     nobody = np.full((2, 1, 2), np.nan)
-    assert field_errors(both, np.arange(1), nobody)[0, 0] == 0.0
+    assert of_everyone(both, np.arange(1), nobody)[0, 0] == 0.0
 
 
 @final
@@ -82,11 +88,8 @@ def world(rng: np.random.Generator, rows: int, people: int = 3) -> Tracks:
     return Tracks(positions, DT, ids, np.full(people, 0.3), noise)
 
 
-def fitted(
-    tail: float = TAIL, *scenes: Tracks, base: Predictor | None = None
-) -> FunctionalConstant:
-    base = Stay() if base is None else base
-    return FunctionalConstant(base, tail, observed=2, steps=STEPS).fit(scenes)
+def fitted(tail: float, *scenes: Tracks, newcomers: bool = True) -> FunctionalConstant:
+    return FunctionalConstant(Stay(), tail, newcomers, observed=2, steps=STEPS).fit(scenes)
 
 
 def radii(predictor: FunctionalConstant) -> Array:
@@ -108,6 +111,7 @@ def missed(predictor: FunctionalConstant, scene: Tracks) -> bool:
     outside = False
     for step in range(STEPS):
         truth = scene.positions[:, row + 1 + step]
+        truth = truth if predictor.newcomers else truth[present]
         truth = truth[np.isfinite(truth[:, 0])]
         square = squared_mahalanobis(
             forecast.mean[:, 0, step], forecast.covariance[:, 0, step], truth[:, None]
@@ -116,13 +120,18 @@ def missed(predictor: FunctionalConstant, scene: Tracks) -> bool:
     return outside
 
 
-@pytest.mark.parametrize(("tail", "count"), [(0.2, 12), (0.08, 12), (0.3, 6)])
-def test_the_promise_is_kept_by_what_planners_see(tail: float, count: int) -> None:
+@pytest.mark.parametrize(
+    ("tail", "count", "newcomers"), [(0.2, 12, True), (0.08, 12, False), (0.3, 6, False)]
+)
+def test_the_promise_is_kept_by_what_planners_see(
+    tail: float, count: int, newcomers: bool
+) -> None:
     """New worlds leave the discs as often as ranks say, and a rank less would be seen."""
     rng = np.random.default_rng(3)
     shares = []
     for _ in range(200):
-        predictor = fitted(tail, *(world(rng, ROWS) for _ in range(count)))
+        scenes = (world(rng, ROWS) for _ in range(count))
+        predictor = fitted(tail, *scenes, newcomers=newcomers)
         assert predictor.fitted is not None and predictor.fitted.groups == count
         shares.append(np.mean([missed(predictor, world(rng, ROWS)) for _ in range(20)]))
     wanted = np.floor((count + 1) * tail) / (count + 1)
@@ -148,7 +157,7 @@ def test_discs_of_the_learnt_radius_on_any_grid_of_time() -> None:
 def test_it_keeps_the_laws_and_is_saved(tmp_path: object) -> None:
     check_predictor(FunctionalConstant(tail=0.1, steps=4), dimensions=(2,))
     scenes = [world(np.random.default_rng(6), 200)]
-    predictor = FunctionalConstant(Kalman(), TAIL, observed=4, steps=STEPS).fit(scenes)
+    predictor = FunctionalConstant(Kalman(), TAIL, True, observed=4, steps=STEPS).fit(scenes)
     path = save_plugin(f"{tmp_path}/c.json", "predictor", predictor)
     again = load_plugin(path, "predictor")
     assert again == predictor == build("predictors", describe(predictor))
