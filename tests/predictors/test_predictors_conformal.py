@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from wideberth.framework.calibration import largest, moments
 from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
+from wideberth.framework.plugins.registry import names
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracking.windows import cut_windows
@@ -15,9 +17,16 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
+from wideberth.predictors.calibrations.joint_plan import JointPlan
 from wideberth.predictors.conformal import Conformal, Scales, _halves
 from wideberth.predictors.constant_velocity import ConstantVelocity
-from wideberth.predictors.core.calibration import replayed, scaled, seen_at, squared_distances
+from wideberth.predictors.core.calibration import (
+    replayed,
+    scaled,
+    scored,
+    seen_at,
+    squared_distances,
+)
 from wideberth.predictors.empirical import Empirical
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.static import Static
@@ -198,6 +207,66 @@ def test_it_is_saved_with_its_base(tmp_path):
     again = load_plugin(save_plugin(tmp_path / "c.json", "predictor", predictor), "predictor")
     assert again == predictor == build("predictors", describe(predictor))
     assert again.base.fitted.windows == 30
+
+
+def wanderers(rows, rng, people=3):
+    """A recording of people who come and go, in random walks."""
+    positions = rng.standard_normal((people, rows, 2)).cumsum(axis=1)
+    positions[0, ::7] = np.nan
+    return tracks_of(positions)
+
+
+CALIBRATIONS = [
+    *({"type": name} for name in names("calibrations") if name != "task"),
+    {"type": "task", "seconds": 2.0},
+    {"type": "boole", "growth": 0.5},
+    {"type": "sample_and_discard", "beta": 0.2},
+]
+
+
+@pytest.mark.parametrize("calibration", CALIBRATIONS)
+def test_it_is_saved_with_its_calibration(tmp_path, calibration):
+    rng = np.random.default_rng(15)
+    config = {"type": "conformal", "base": "kalman", "tail": 0.3, "calibration": calibration}
+    own = build("predictors", config | {"observed": OBSERVED, "steps": STEPS})
+    fitted = own.fit([wanderers(200, rng) for _ in range(2)])
+    again = build(
+        "predictors", {"saved": str(save_plugin(tmp_path / "c.json", "predictor", fitted))}
+    )
+    assert again == fitted and again.calibration == build("calibrations", calibration)
+    scene = wanderers(20, rng)
+    finer = fitted.predict(replace(scene, dt=DT / 2), 2 * STEPS)
+    base = fitted.base.predict(replace(scene, dt=DT / 2), 2 * STEPS)
+    ratio = finer.covariance[1, 0, 1::2, 0, 0] / base.covariance[1, 0, 1::2, 0, 0]
+    assert np.allclose(ratio, fitted.fitted.scale)
+
+
+def test_of_all_people_the_nearest_mode_counts():
+    """The scores of a forecast with modes are those of its nearest one, person by person."""
+    rng = np.random.default_rng(16)
+    scenes = [wanderers(200, rng) for _ in range(2)]
+    settings = {"tail": 0.2, "calibration": JointPlan(), "observed": OBSERVED, "steps": STEPS}
+    split, one = (Conformal(Walk(apart), **settings).fit(scenes) for apart in (0.5, 0.0))
+    spans = [range(100, 200)] * 2
+    parts = [scored(Shifted(side), scenes, spans, OBSERVED, STEPS).squares for side in (-0.5, 0.5)]
+    both = scored(Walk(0.5), scenes, spans, OBSERVED, STEPS)
+    np.testing.assert_allclose(both.squares, np.minimum(*parts), rtol=1e-9)
+    assert split.fitted.groups == one.fitted.groups == 2 * 24
+    worst = largest(both.squares / np.array(split.fitted.scale), moments(both)).max(axis=1)
+    rank = int(np.ceil(49 * 0.8))
+    assert np.sort(worst)[rank - 1] == pytest.approx(chi2.ppf(0.8, 2))
+
+
+def test_a_person_who_was_not_there_before_or_leaves_counts_while_seen():
+    scene = wanderers(40, np.random.default_rng(17), people=2)
+    positions = scene.positions.copy()
+    positions[1, :19] = np.nan
+    positions[1, 22:] = np.nan
+    found = scored(Walk(), [replace(scene, positions=positions)], [range(10, 40)], 8, 4)
+    (mine,) = np.flatnonzero((found.track == 1) & (found.row == 9))  # row 19, its first
+    assert np.isfinite(found.squares[mine]).tolist() == [True, True, False, False]
+    assert not found.whole[mine] and found.rows == (26,)
+    assert ((found.track == 1) & (found.row == 11)).sum() == 0  # row 21, seen no more after it
 
 
 def test_bad_input():
