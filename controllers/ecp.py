@@ -86,7 +86,7 @@ class EgocentricConformalPlanner(SampledController):
             before, past = self._decided_at.get(seen.row - step), self._seen.get(seen.row - step)
             if before is None or past is None:
                 continue
-            score = _scores(before.points[:, step], [(seen, past)], step)[:, 0]
+            score = _scores(before.points[:, step], [(seen, past)], step)[0]
             share = float(np.mean(before.margin[:, step - 1] < score))
             self._alpha[step - 1] += self.rate * (self.tail - share)
         self._seen[seen.row] = seen
@@ -124,40 +124,47 @@ class EgocentricConformalPlanner(SampledController):
         return range(1, self.steps + 1)
 
     def _quantile(self, scores: Array, step: int, bound: Array) -> Array:
-        """Return the margin from (P, n) scores of a step, (P,), m; ``bound`` for lack of them."""
-        count, level = scores.shape[1], 1.0 - float(self._alpha[step - 1])
+        """Return the margin from (n, P) scores of a step, (P,), m; ``bound`` for lack of them."""
+        count, level = len(scores), 1.0 - float(self._alpha[step - 1])
         if level <= 0.0:
-            return np.zeros(len(scores))
+            return np.zeros(scores.shape[1])
+        ordered = np.sort(scores, axis=0)
         if self.as_published:
             if level >= 1.0:
-                return np.full(len(scores), LARGEST * self.period * step)
-            return np.asarray(np.quantile(scores, level, axis=1))
+                return np.full(scores.shape[1], LARGEST * self.period * step)
+            below, share = divmod((count - 1) * level, 1.0)
+            low, high = ordered[int(below)], ordered[min(int(below) + 1, count - 1)]
+            return np.asarray(low + share * (high - low))
         rank = int(np.ceil((count + 1) * level - 1e-9))
-        return bound if rank > count else np.asarray(np.sort(scores, axis=1)[:, rank - 1])
+        return bound if rank > count else np.asarray(ordered[rank - 1])
 
 
 def _scores(points: Singles, pairs: Sequence[tuple[SeenPeople, SeenPeople]], step: int) -> Array:
-    """Return how much nearer people were to some points than was forecast, (P, n).
+    """Return how much nearer people were to some points than was forecast, (n, P).
 
     Parameters
     ----------
     points : (P, 2), m. pairs : n instants, and what was seen ``step`` instants before.
     """
-    scores = np.zeros((len(points), len(pairs)))
+    scores = np.zeros((len(pairs), len(points)))
     found = [now.with_past(past, step) for now, past in pairs]
     known = [k for k, (now, _, _) in enumerate(found) if len(now)]
     if known:
-        starts = np.cumsum([0, *(len(found[k][0]) for k in known[:-1])])
-        radius = np.concatenate([found[k][2] for k in known])
-        gaps = (
-            _gaps(points, np.concatenate([found[k][i] for k in known]), radius) for i in (0, 1)
-        )
-        true, said = (np.minimum.reduceat(one, starts, axis=1) for one in gaps)
-        scores[:, known] = np.maximum(said - true, 0.0)
+        ends = np.cumsum([len(found[k][0]) for k in known])
+        people = [np.concatenate([found[k][i] for k in known]) for i in range(3)]
+        true, said = (_gaps(points, people[i], people[2]) for i in range(2))
+        for k, first, last in zip(known, [0, *ends[:-1]], ends, strict=True):
+            nearer = said[first:last].min(axis=0) - true[first:last].min(axis=0)
+            scores[k] = np.maximum(nearer, 0.0)
     return scores
 
 
 def _gaps(points: Singles, people: Array, radius: Array) -> Array:
-    """Return distances from points (P, 2) to discs (K, 2), (P, K), m."""
-    along, aside = (points[:, None, axis] - people[:, axis] for axis in (0, 1))
-    return np.sqrt(along**2 + aside**2) - radius
+    """Return distances from discs (K, 2) to points (P, 2), (K, P), m."""
+    along, aside = (np.subtract.outer(people[:, i], points[:, i]) for i in range(2))
+    along *= along  # in place: these are most of an episode's time
+    aside *= aside
+    along += aside
+    np.sqrt(along, out=along)
+    along -= radius[:, None]
+    return np.asarray(along)

@@ -15,7 +15,7 @@ from ...framework.values.path import Path
 from ...framework.values.plan import Rung
 from ...robots.unicycle import Unicycle
 
-PERSON = 1.0 / np.sqrt(2.0)
+PERSON = float(1.0 / np.sqrt(2.0))
 """m, radius of a person."""
 NEAR = 0.6
 """m from the goal at which the robot has arrived."""

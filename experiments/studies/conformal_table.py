@@ -14,15 +14,17 @@ from ...controllers.fcp import FunctionalConformalPlanner
 from ...controllers.sampled_paths import SampledController
 from ...framework import Controller, WideberthError
 from ...framework.controller import fresh
+from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.io import expanded
+from ...framework.predictor import Fittable
 from ...framework.tracking.recordings import read_tracks
-from ...framework.values.arrays import whole
+from ...framework.values.arrays import positive, whole
 from ...metrics.statistics import block_bootstrap
 from ...simulation.scenarios.recorded_scene import FILES, PLAZA, SCENES
 from ..drawing.plotting import PAGE, legend_below, style, subplots, title
 from ..engine.closed_loop import column
 from .conformal_forecasts import PublishedForecasts
-from .conformal_protocol import MOST, STANDING, RecordedCourse, drive
+from .conformal_protocol import MOST, PERSON, STANDING, RecordedCourse, drive
 from .crowd import TrackFile
 from .field_rows import calibrated, unbroken
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled
@@ -43,6 +45,8 @@ LONGEST = {"univ": 300}
 """Rows of an episode where they are not `MOST`."""
 ACROSS = ((-9.0, 0.0, 0.0), (9.0, 0.0))
 """Start and goal on the synthetic plaza."""
+LEARNT = "shipped:crowd.txt"
+"""What is fitted to where the plaza is the only scene."""
 SYNTHETIC = "plaza"
 """Name of the scene that comes with the package."""
 BLOCK = 200
@@ -67,11 +71,38 @@ class Contender:
         CC has it, which overwrites the first.
     at_once : it drives from the first row on, and the episode ends at a row without people, as
         the published loop of FCP has it, which calls the rows until then the steps to the goal.
+    person : m, radius of the people that it is given. The published 1 / sqrt 2 m is distance for
+        the most part, not body: a planner that leaves what it touches slowly takes a body of 0.3
+        m, and the rest as its margin.
+    fitted : whether its planner's predictor is fitted to the recordings of all other scenes.
+
+    Raises
+    ------
+    WideberthError : a radius that is not above 0, or a controller that has nothing to fit.
     """
 
     controller: Controller
     last_arrival: bool = False
     at_once: bool = False
+    person: float = PERSON
+    fitted: bool = False
+
+    def __post_init__(self) -> None:
+        positive("person", self.person)
+        if self.fitted:
+            self.fittable()
+
+    def fittable(self) -> tuple[Planner, Fittable]:
+        """Return the planner and the predictor to be fitted.
+
+        Raises
+        ------
+        WideberthError : it is no planner, or its predictor cannot be fitted.
+        """
+        planner = self.controller
+        if isinstance(planner, Planner) and isinstance(planner.predictor, Fittable):
+            return planner, planner.predictor
+        raise WideberthError("fitted: wanted an mpc whose predictor can be fitted")
 
 
 @final
@@ -104,7 +135,6 @@ class ConformalTable(GridStudy):
     forecasts : folder with a file for each scene, ``eth.npz`` or ``eth.pkl``, see
         `conformal_forecasts`; "" for none.
     every : of the rows with people every how many begins an episode of the second set; 0 for none.
-    first : of the rows with people the one at which the second set begins.
     """
 
     claim: ClassVar[str] = (
@@ -132,11 +162,9 @@ class ConformalTable(GridStudy):
     recordings: str = PLAZA
     forecasts: str = ""
     every: int = 0
-    first: int = 0
 
     def __post_init__(self) -> None:
         whole("every", self.every, least=0)
-        whole("first", self.first, least=0)
         if self.ours not in self.contenders:
             raise WideberthError(
                 f"ours is {self.ours!r}; wanted one of {', '.join(self.contenders)}"
@@ -178,12 +206,13 @@ class ConformalTable(GridStudy):
         rows = course.episode(start, longest)
         if contender.at_once:
             rows = unbroken(course, start, longest)
-        controller = self._prepared(contender.controller, kind, scene, start)
+        controller = self._prepared(contender, kind, scene, start)
         if isinstance(controller, FunctionalConformalPlanner):
             controller = calibrated(controller, course, rows, STARTS[scene][0])
         standing, on = 0 if contender.at_once else STANDING, contender.last_arrival
         begin = perf_counter()
-        found = drive(controller, course, rows, standing=standing, to_the_end=on)
+        body = contender.person
+        found = drive(controller, course, rows, standing=standing, to_the_end=on, radius=body)
         seconds = perf_counter() - begin
         arrival, hits = found.arrival(last=contender.last_arrival), found.hits
         row: Row = {
@@ -230,7 +259,7 @@ class ConformalTable(GridStudy):
         """Return the rows at which episodes start, by set."""
         rows = self._course(scene).rows
         last = len(rows) - MOST
-        more = rows[self.first : max(last + 1, 0) : self.every] if self.every else ()
+        more = rows[: max(last + 1, 0) : self.every] if self.every else ()
         return {PUBLISHED: STARTS[scene], MORE: more}
 
     def _course(self, scene: str) -> RecordedCourse:
@@ -263,14 +292,25 @@ class ConformalTable(GridStudy):
         files = (folder / f"{scene}{ending}" for ending in (".npz", ".pkl"))
         return next((str(file) for file in files if file.is_file()), "")
 
-    def _prepared(self, controller: Controller, kind: str, scene: str, start: int) -> Controller:
-        """Return a controller with the scene's forecasts, and the random state it had there."""
-        made, file = fresh(controller), self._forecast_file(scene)
+    def _prepared(self, contender: Contender, kind: str, scene: str, start: int) -> Controller:
+        """Return a controller with what it was fitted to, and the random state it had there."""
+        made, file = fresh(contender.controller), self._forecast_file(scene)
+        if contender.fitted:
+            planner, predictor = contender.fittable()
+            others = [self._file(other) for other in self._scenes() if other != scene]
+            made = replace(planner, predictor=_fitted(predictor, tuple(others)))
         if isinstance(made, SampledController) and file:
             made = replace(made, predictor=PublishedForecasts(file, made.predictor))
         if isinstance(made, AdaptiveConformalPlanner) and kind == PUBLISHED:
             made = replace(made, earlier=STARTS[scene].index(start))
         return made
+
+
+@lru_cache(maxsize=64)
+def _fitted(predictor: Fittable, files: tuple[str, ...]) -> Fittable:
+    """Fit a predictor to recordings; to the other synthetic one where there are none."""
+    files = files or (str(TrackFile(LEARNT).file),)
+    return predictor.fit([read_tracks(file, dt=DT).scene(radius=PERSON) for file in files])
 
 
 @lru_cache(maxsize=8)

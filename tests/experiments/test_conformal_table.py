@@ -71,19 +71,19 @@ def folder_of(tmp_path, rows=320):
 
 
 def test_starts_are_the_published_ones_and_every_nth_row(tmp_path):
-    table = shipped(f"recordings={folder_of(tmp_path, 1800)}", "every=100", "first=50")
+    table = shipped(f"recordings={folder_of(tmp_path, 1800)}", "every=100")
     for name in ("acp_published", "cc"):
         some = [task.settings for task in table.tasks() if task.settings["contender"] == name]
         published = {(one["scene"], one["start"]) for one in some if one["set"] == "published"}
         assert published == {(scene, start) for scene in FILES for start in STARTS[scene]}
         more = [one["start"] for one in some if one["set"] == "more" and one["scene"] == "eth"]
-        # Of rows 1 to 1799 from the 50th on: 51, 151, ..., with 100 rows left.
-        assert more == list(range(51, 1701, 100))
+        # Of rows 1 to 1799: 1, 101, ..., with 100 rows left.
+        assert more == list(range(1, 1701, 100))
 
 
 def test_published_draws_go_on_from_start_to_start(tmp_path):
     table = shipped(f"recordings={folder_of(tmp_path)}")
-    acp = table.contenders["acp_published"].controller
+    acp = table.contenders["acp_published"]
     made = [table._prepared(acp, "published", "eth", start) for start in STARTS["eth"]]
     assert [one.earlier for one in made] == [0, 1, 2]
     assert table._prepared(acp, "more", "eth", 732).earlier == 0
@@ -93,11 +93,11 @@ def test_forecasts_are_given_to_those_that_sample_paths(tmp_path):
     folder = folder_of(tmp_path)
     np.savez(tmp_path / "eth.npz", row=[1], person=[1], forecast=np.zeros((1, 12, 2)))
     table = shipped(f"recordings={folder}", f"forecasts={folder}")
-    ecp, ours = (table.contenders[name].controller for name in ("ecp", "recorded_scene"))
+    ecp, ours = (table.contenders[name] for name in ("ecp", "recorded_scene"))
     made = table._prepared(ecp, "published", "eth", 732).predictor
     assert isinstance(made, PublishedForecasts) and made.file.endswith("eth.npz")
-    assert table._prepared(ecp, "published", "hotel", 1001).predictor == ecp.predictor
-    assert table._prepared(ours, "published", "eth", 732).predictor == ours.predictor
+    assert table._prepared(ecp, "published", "hotel", 1001).predictor == ecp.controller.predictor
+    assert table._prepared(ours, "published", "eth", 732).predictor == ours.controller.predictor
     assert sorted(path.name for path in table.inputs()) == sorted([*FILES.values(), "eth.npz"])
 
 
@@ -125,7 +125,10 @@ def test_differences_are_paired_by_start():
 
 def test_quick_run(tmp_path):
     table = shipped().quick()
-    kept = {name: table.contenders[name] for name in ("acp_published", "cc", "recorded_scene")}
+    kept = {
+        name: table.contenders[name]
+        for name in ("acp_published", "cc", "recommended", "joint_plan", "ours")
+    }
     table = replace(table, contenders=kept)
     result = run(table, tmp_path / "out")
     lines = table.summary(result.rows)
