@@ -62,7 +62,8 @@ class PlannerSettings:
     most_obstacles : capacity; the nearest are kept, the others named in the plan.
     margin : m, added to r + r_d; 0 is the paper's. The regions hold at the steps alone:
         between two of them, a straight pass at relative speed w comes closer by up to
-        (w dt)^2 / (8 (r + r_d)), 0.02 m at the paper's numbers.
+        (w dt)^2 / (8 (r + r_d)), 0.02 m at the paper's numbers. The slot kind ``between_steps``
+        adds a bound of it, so that plans keep their regions there too.
     starts : starting points of the solver beside the shifted last plan, always tried, or
         ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
     static_region : what keeps clear of the observation's polygons; needed where there are any.

@@ -23,6 +23,10 @@ ellipse of W, and so, for any t > 0, within the ellipse of level s of
 
 which is the smallest by its trace. Its sum with the disc of the margin then holds their sums. A
 region within that sum, such as `MahalanobisEllipse`, may miss as much as it differs from it.
+
+Sung, Ham, Park, Ren and Ahn (PRF-MPC, arXiv 2605.19015) instead enlarge the regions of all steps,
+for predictors whose next forecast is distributed as this one says; here the next forecast has to
+lie within this one, and nothing but the last step is enlarged.
 """
 
 from typing import NamedTuple
