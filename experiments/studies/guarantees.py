@@ -36,6 +36,8 @@ BLOCK = 100
 """Episodes per task: they share a planner that is fitted once."""
 APART = 1_000_000
 """Seeds that calibration adds to its own, so that it never sees an episode that is counted."""
+CREEPING = 1e-3
+"""m/s, of the robot beside which calibration watches people."""
 LASTING = 100
 """Rows of a recording that an episode may last; starts nearer than that are of one block."""
 MISSES = {
@@ -60,7 +62,8 @@ class SimulatedPlace:
     ----------
     scenario : who walks there.
     settings : clock, noise and end of the episodes.
-    learning : episodes that calibration learns from. The robot in them drives straight on.
+    learning : episodes that calibration learns from, each as long as the time limit. The robot in
+        them hardly moves from its start.
     """
 
     scenario: Scenario
@@ -78,9 +81,10 @@ class SimulatedPlace:
         robot : that drives among them.
         dt : s between samples.
         """
-        driver = ConstantVelocityController(robot=robot)
+        driver = ConstantVelocityController(robot=robot, reference_speed=CREEPING)
+        whole_time = replace(self.settings, deadlock_after=2.0 * self.settings.time_limit)
         seeds = range(APART, APART + self.learning)
-        played = (play(self.scenario, robot, driver, self.settings, seed) for seed in seeds)
+        played = (play(self.scenario, robot, driver, whole_time, seed) for seed in seeds)
         return [seen_tracks(episode, dt, self.settings.channel.noise) for episode in played]
 
 
@@ -117,7 +121,7 @@ class Guarantees(GridStudy):
         can be fitted are.
     starts : instants of a recording, evenly spaced, at which episodes begin. Seed k is the k-th,
         modulo their number, with noise of its own.
-    only : recorded scenes to take; all if empty.
+    only : places to take, simulated and recorded; all if empty.
     seeds : episodes of each planner in each place.
     """
 
@@ -159,7 +163,7 @@ class Guarantees(GridStudy):
         """Each planner in each place, and the seeds in blocks."""
         seeds = range(self.seeds)
         return {
-            "place": [*self.places, *self._scenes()],
+            "place": [*self._simulated, *self._scenes()],
             "planner": self.planners,
             ("seed", "seeds"): [(one, min(BLOCK, seeds.stop - one)) for one in seeds[::BLOCK]],
         }
@@ -168,7 +172,7 @@ class Guarantees(GridStudy):
         """Return the recordings and the files that scenarios read."""
         files = [
             path
-            for scene in self.data.found(self.only).values()
+            for scene in self.data.found(self._named).values()
             for path in self.data.paths(scene)
         ]
         return [*files, *inputs_of(place.scenario for place in self.places.values())]
@@ -183,10 +187,9 @@ class Guarantees(GridStudy):
         for name in self._scenes():
             if name in self.places:
                 raise WideberthError(
-                    f"places.{name} is named like a scene of data: name it otherwise, or choose "
-                    "scenes by `only`"
+                    f"places.{name} is named like a scene of data: give it another name"
                 )
-        every = {name: self._place(name)[0] for name in (*self.places, *self._scenes())}
+        every = {name: self._place(name)[0] for name in (*self._simulated, *self._scenes())}
         driven = {name: driving(one, self.robot) for name, one in self.planners.items()}
         check_starts(every, self.robot, driven, 0)
 
@@ -206,11 +209,29 @@ class Guarantees(GridStudy):
             times += [{**labels, "seed": seed, **row} for row in time_rows(episode)]
         return TaskOutcome(rows, times)
 
+    @property
+    def _named(self) -> tuple[str, ...]:
+        """Recorded scenes that ``only`` names."""
+        return tuple(name for name in self.only if name not in self.places)
+
+    @property
+    def _simulated(self) -> list[str]:
+        """Names of the places of simulated people."""
+        return [name for name in self.places if not self.only or name in self.only]
+
     def _scenes(self) -> dict[str, SceneFiles]:
-        """Return the recorded scenes that are places."""
-        found = self.data.found(self.only)
+        """Return the recorded scenes that are places.
+
+        Raises
+        ------
+        WideberthError : ``only`` names what is neither a place nor a scene.
+        """
+        found = self.data.found(self._named)
         chosen = {name: one for name, one in found.items() if one.role == "primary"}
-        return {name: one for name, one in chosen.items() if not self.only or name in self.only}
+        for name in self._named:
+            if name not in chosen:
+                raise WideberthError(f"only: {unknown('place', name, [*self.places, *chosen])}")
+        return {name: one for name, one in chosen.items() if not self.only or name in self._named}
 
     def _place(self, name: str) -> tuple[Scenario, Settings]:
         if name in self.places:
@@ -240,7 +261,7 @@ class Guarantees(GridStudy):
         if place in self.places:
             training = self.places[place].watched(self.robot, planner.track_dt)
         else:
-            training = self.data.training(place, self.only)
+            training = self.data.training(place, self._named)
         predictor, learnt_from = fitted(planner.predictor, training)
         return replace(planner, predictor=predictor), learnt_from
 
@@ -279,15 +300,12 @@ class Guarantees(GridStudy):
         yield "guarantees", draw(lines)
 
     def quick(self) -> Self:
-        """Keep the first planners in the first place for two episodes."""
-        few_places = {
-            name: replace(place, learning=min(place.learning, 10))
-            for name, place in list(self.places.items())[:1]
-        }
-        scenes = tuple(self._scenes())[:1]
+        """Keep the first planners in the first place of either kind for two episodes."""
+        places = {name: replace(one, learning=10) for name, one in self.places.items()}
+        only = (*self._simulated[:1], *list(self._scenes())[:1])
         names = list(self.planners)[:3]
         known = tuple(name for name in self.as_given if name in names)
-        small = replace(self, places=few_places, only=scenes or self.only, as_given=known)
+        small = replace(self, places=places, only=only, as_given=known)
         return reduced(small, planners=3, seeds=2, starts=2)
 
 

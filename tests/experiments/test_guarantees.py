@@ -54,7 +54,8 @@ def test_calibration_sees_other_episodes(shipped: Guarantees) -> None:
     counted = place.scenario.cast(0).bystanders
     where = [one.at(np.zeros(1))[0] for one in counted]
     for tracks in watched:
-        now = tracks.positions[:, round(place.settings.history / 0.4)]
+        now = tracks.positions[:, 0]
+        assert tracks.positions.shape[1] == round(place.settings.time_limit / 0.4) + 1
         assert not np.isclose(now[:, None], np.array(where)[None], atol=0.1).all(axis=2).any()
 
 
@@ -81,11 +82,19 @@ def test_quick_run(shipped: Guarantees, tmp_path: Path) -> None:
     assert {path.suffix for path in draw(tmp_path / "out")} == {".png", ".pdf"}
 
 
+def test_chosen_places(shipped: Guarantees) -> None:
+    for chosen in (("exact",), ("plaza",), ("livelier", "crowd")):
+        tasks = replace(shipped, only=chosen).tasks()
+        assert {task.settings["place"] for task in tasks} == set(chosen)
+
+
 def test_settings_that_make_no_experiment_are_refused(shipped: Guarantees) -> None:
     with pytest.raises(WideberthError, match="planners is empty"):
         replace(shipped, planners={})
     with pytest.raises(WideberthError, match=r"as_given: .*did you mean 'boole'"):
         replace(shipped, as_given=("bool",))
+    with pytest.raises(WideberthError, match=r"only: .*did you mean 'plaza'"):
+        replace(shipped, only=("plaza", "plasa")).tasks()
     with pytest.raises(WideberthError, match="learning"):
         SimulatedPlace(shipped.places["exact"].scenario, learning=0)
     with pytest.raises(WideberthError, match=r"places\.plaza is named like a scene"):
