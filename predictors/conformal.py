@@ -9,42 +9,14 @@ import numpy as np
 from ..framework.calibration import Calibration, CalibrationScores, MomentCalibration
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import same_dimension
-from ..framework.values.arrays import checked, positive, probability, whole
+from ..framework.values.arrays import probability, whole
 from ..framework.values.coverage import Coverage
-from ..framework.values.errors import WideberthError
-from ..framework.values.forecast import Forecast, Scene, content_bound
+from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from ..metrics.episode import SMALLEST
 from .calibrations.per_step import PerStep
 from .core.assembly import refuse_adaptive
-from .core.calibration import known_sizes, same_step, scaled, scored, scored_in_time
+from .core.calibration import Scales, known_scales, same_step, scaled, scored, scored_in_time
 from .empirical import Empirical
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Scales learnt by split conformal calibration.
-
-    Attributes
-    ----------
-    dt : s, between the steps.
-    scale : (N,), by which the covariance of each step is multiplied.
-    groups : how many groups of forecasts it was learnt from, each of which counts as one.
-
-    Raises
-    ------
-    WideberthError : no step, or a number that is not above 0.
-    """
-
-    dt: float
-    scale: tuple[float, ...]
-    groups: int
-
-    def __post_init__(self) -> None:
-        positive("scales.dt", self.dt)
-        scale = checked("scales.scale", self.scale, (len(self.scale),))
-        if not scale.size or (scale <= 0).any():
-            raise WideberthError("scales.scale must hold one number at least, and all above 0")
 
 
 @final
@@ -135,10 +107,8 @@ class Conformal(Fittable):
         else:
             learnt = None
             base, scores = self._scored_by_track(dataset)
-        sizes, groups = known_sizes(self.calibration, scores, self.tail, learnt, "conformal")
-        # A base that is exactly right on all windows would leave a region without interior.
-        scale = np.maximum(sizes, SMALLEST) / content_bound(dataset[0].dimension, self.tail)
-        fitted = Scales(dataset[0].dt, tuple(scale.tolist()), groups)
+        size = dataset[0].dimension
+        fitted = known_scales(self.calibration, scores, self.tail, learnt, size, "conformal")
         return replace(self, base=base, fitted=fitted)
 
     def _scored_by_track(self, dataset: Sequence[Tracks]) -> tuple[Predictor, CalibrationScores]:

@@ -10,13 +10,11 @@ from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import same_dimension
 from ..framework.values.arrays import Array, probability, whole
 from ..framework.values.coverage import Coverage, Event
-from ..framework.values.forecast import Forecast, Scene, content_bound
+from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from ..metrics.episode import SMALLEST
 from .calibrations.joint_plan import JointPlan
-from .conformal import Scales
 from .core.assembly import refuse_adaptive
-from .core.calibration import heeded, known_sizes, same_step, scaled, scored_in_time
+from .core.calibration import Scales, heeded, known_scales, same_step, scaled, scored_in_time
 from .core.history import IntArray
 from .kalman import Kalman
 
@@ -109,9 +107,8 @@ class FunctionalConstant(Fittable):
         same_dimension(dataset, "functional_constant")
         judge = of_everyone if self.newcomers else of_those_seen
         base, learnt, scores = scored_in_time(self.base, dataset, self.observed, self.steps, judge)
-        sizes, groups = known_sizes(JointPlan(), scores, self.tail, learnt, "functional_constant")
-        scale = np.maximum(sizes, SMALLEST) / content_bound(dataset[0].dimension, self.tail)
-        fitted = Scales(dataset[0].dt, tuple(scale.tolist()), groups)
+        size, who = dataset[0].dimension, "functional_constant"
+        fitted = known_scales(JointPlan(), scores, self.tail, learnt, size, who)
         return replace(self, base=base, fitted=fitted)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:

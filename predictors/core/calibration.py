@@ -1,7 +1,7 @@
 """Errors of past forecasts, for calibrated predictors."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -10,11 +10,11 @@ import numpy as np
 from ...framework.calibration import Calibration, CalibrationScores
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.windows import IntArray, Windows
-from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.arrays import Array, BoolArray, checked, positive
 from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import LIGHT, Forecast
+from ...framework.values.forecast import LIGHT, Forecast, content_bound
 from ...framework.values.tracks import Tracks
-from ...metrics.episode import squared_mahalanobis
+from ...metrics.episode import SMALLEST, squared_mahalanobis
 from .assembly import more_modes
 from .history import gather
 
@@ -207,14 +207,43 @@ def _until(scene: Tracks, row: int) -> Tracks:
     return replace(scene, positions=past, stamp=stamp).select(present)
 
 
-def known_sizes(
+@dataclass(frozen=True)
+class Scales:
+    """Scales learnt by split conformal calibration.
+
+    Attributes
+    ----------
+    dt : s, between the steps.
+    scale : (N,), by which the covariance of each step is multiplied.
+    groups : how many groups of forecasts it was learnt from, each of which counts as one.
+
+    Raises
+    ------
+    WideberthError : no step, or a number that is not above 0.
+    """
+
+    dt: float
+    scale: tuple[float, ...]
+    groups: int
+
+    def __post_init__(self) -> None:
+        positive("scales.dt", self.dt)
+        scale = checked("scales.scale", self.scale, (len(self.scale),))
+        if not scale.size or (scale <= 0).any():
+            raise WideberthError("scales.scale must hold one number at least, and all above 0")
+
+
+def known_scales(
     calibration: Calibration,
     scores: CalibrationScores,
     tail: float,
     learnt: CalibrationScores | None,
+    size: int,
     who: str,
-) -> tuple[Array, int]:
-    """Squared size of each step, (N,), and how many groups of scores it was learnt from.
+) -> Scales:
+    """Scale each step so that its region of content 1 - tail has the calibration's size.
+
+    s_h = q_h / q_D,   q_D the quantile of chi^2_D, D = ``size``, at 1 - tail
 
     Raises
     ------
@@ -229,7 +258,9 @@ def known_sizes(
             f"groups that count as one each for {type(calibration).__name__}; wanted at least "
             f"{fewest} at a tail of {tail:g}: give more or longer recordings, or a larger tail"
         )
-    return calibration.sizes(scores, tail, learnt), found
+    # A base that is exactly right on all windows would leave a region without interior.
+    sizes = np.maximum(calibration.sizes(scores, tail, learnt), SMALLEST)
+    return Scales(scores.dt, tuple((sizes / content_bound(size, tail)).tolist()), found)
 
 
 def same_step(dataset: Sequence[Tracks], who: str) -> None:

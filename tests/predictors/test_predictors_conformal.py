@@ -18,9 +18,10 @@ from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.calibrations.joint_plan import JointPlan
-from wideberth.predictors.conformal import Conformal, Scales, _halves
+from wideberth.predictors.conformal import Conformal, _halves
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import (
+    Scales,
     replayed,
     scaled,
     scored,
