@@ -28,8 +28,8 @@ class JointPlan(MomentCalibration):
     (`framework.calibration.moments`): the people of one moment make one score, and rows nearer
     than the horizon share their futures.
 
-    Who appears after the newest row is in no forecast and in no promise; `FunctionalConstant`
-    counts him.
+    Who appears after the newest row is in no forecast and in no promise. `FunctionalConstant`
+    counts him when it is asked to.
     """
 
     reference: ClassVar[str] = "cleaveland2023conformal"
