@@ -69,8 +69,8 @@ ENTERED = 1e-3
 """m, from which depth on a region counts as entered between two steps."""
 _LOOKS = 24
 """Directions that are tried all round before the best of them is refined."""
-_HALVINGS = 20
-"""Of the turn from one direction to the next, down to 3e-7 rad."""
+_HALVINGS = 16
+"""Of the turn from one direction to the next, down to 4e-6 rad."""
 
 
 @final
@@ -91,12 +91,13 @@ class _Segments:
     level: Array
 
     def proven(self, angle: Array) -> Array:
-        """Distance that one normal proves of each segment, (Q,), m; the angles are in rad."""
+        """Distance that one normal proves of each segment, (..., Q), m; the angles are in rad."""
         normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        pair = np.broadcast_to(normal, self.places.shape)
+        pair = np.broadcast_to(normal[..., None, :, :], (*angle.shape[:-1], *self.places.shape))
         reach = self.region.support(pair, self.parameters, self.level)
         apart = (pair * self.places).sum(axis=-1) - reach
-        return np.asarray(apart.min(axis=0) - np.maximum((normal * self.bend).sum(axis=-1), 0.0))
+        bent = np.maximum((normal * self.bend).sum(axis=-1), 0.0)
+        return np.asarray(apart.min(axis=-2) - bent)
 
     def most(self, start: Array) -> Array:
         """Largest distance that any normal proves of each segment, (Q,), m.
@@ -104,20 +105,20 @@ class _Segments:
         Within a look of the best of all looks there is one maximum, and it stays within the width
         by which the best angle is turned next.
         """
-        best, angle = self.proven(start), start
         width = 2.0 * np.pi / _LOOKS
-        for turn in width * np.arange(1, _LOOKS):
-            best, angle = self._better(best, angle, start + turn)
+        turns = np.arange(_LOOKS)
+        best, angle = self._best(start + width * turns[:, None])
         for _ in range(_HALVINGS):
-            width, base = 0.5 * width, angle
-            for turn in (-width, width):
-                best, angle = self._better(best, angle, base + turn)
+            width *= 0.5
+            best, angle = self._best(angle + width * np.array([[0.0], [-1.0], [1.0]]))
         return best
 
-    def _better(self, best: Array, angle: Array, other: Array) -> tuple[Array, Array]:
-        found = self.proven(other)
-        more = found > best
-        return np.where(more, found, best), np.where(more, other, angle)
+    def _best(self, angles: Array) -> tuple[Array, Array]:
+        """Return the largest of several distances (T, Q), and its angle."""
+        found = self.proven(angles)
+        which = found.argmax(axis=0)[None]
+        best, angle = (np.take_along_axis(one, which, axis=0)[0] for one in (found, angles))
+        return best, angle
 
     def some(self, which: NDArray[np.intp]) -> "_Segments":
         """Return some of the segments, by their indices."""
@@ -126,11 +127,9 @@ class _Segments:
 
     def towards_the_robot(self) -> Array:
         """Angle from the middle of what is swept to the nearest place of the robot, (Q,), rad."""
-        axes = np.array([[1.0, 0.0], [0.0, 1.0]])
-        reach = [
-            self.region.support(np.broadcast_to(n, self.places.shape), self.parameters, self.level)
-            for n in (*axes, *-axes)
-        ]
+        axes = np.concatenate([np.eye(2), -np.eye(2)])[:, None, None]
+        normals = np.broadcast_to(axes, (4, *self.places.shape))
+        reach = self.region.support(normals, self.parameters, self.level)
         middle = 0.5 * np.stack([reach[0] - reach[2], reach[1] - reach[3]], axis=-1)
         first, last = self.places - middle
         way = last - first
