@@ -3,12 +3,14 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import RandomState
 
-from ..framework.tracking.windows import IntArray
+from ..framework.calibration import ROUNDING, IntArray, fewest_ranks, rank_quantile
 from ..framework.values.arrays import Array, BoolArray, checked, positive, probability, whole
+from ..framework.values.coverage import Coverage, Event
 from ..framework.values.errors import WideberthError
 from .gaussian_mixture import GaussianMixture, fitted_mixture
 
@@ -154,6 +156,13 @@ class EnvelopeFit:
     Wasserman, A conformal prediction approach to explore functional data, 2015.
     """
 
+    coverage: ClassVar[Coverage] = Coverage(
+        Event.FIELD,
+        "1 - tail at each step for itself",
+        "rows are exchangeable with those of calibration",
+        "shin2026prediction",
+    )
+
     tail: float = 0.1
     components: int = 5
     mixture: int = 7
@@ -170,7 +179,7 @@ class EnvelopeFit:
     @property
     def fewest(self) -> int:
         """Fewest rows of which an envelope is known."""
-        return math.ceil((math.ceil(2.0 / self.tail - 1e-9) - 1) / self.held_out - 1e-9)
+        return math.ceil(fewest_ranks(0.5 * self.tail) / self.held_out - ROUNDING)
 
     def envelope(
         self, grid: FieldGrid, predicted: Array, actual: Array, dt: float
@@ -231,27 +240,25 @@ class EnvelopeFit:
             level = float(np.quantile(likely, self.tail))
             epsilon = float(np.quantile(slack, 1.0 - self.tail))
         else:
-            level = -rank_quantile(-likely, 0.5 * self.tail)
-            epsilon = rank_quantile(slack, 0.5 * self.tail)
+            level = -_exceeded(-likely, 0.5 * self.tail)
+            epsilon = _exceeded(slack, 0.5 * self.tail)
         return np.asarray(basis.mean + _support(mixture, level, basis.components) + epsilon)
 
 
-def rank_quantile(scores: Array, tail: float) -> float:
+def _exceeded(scores: Array, tail: float) -> float:
     """Return the score that a further exchangeable one exceeds with probability ``tail`` at most.
-
-    The k-th smallest of n, k = ceil((n + 1)(1 - tail)).
 
     Raises
     ------
-    WideberthError : k is above n: of so few scores no such bound is known.
+    WideberthError : of so few scores no such bound is known.
     """
-    rank = math.ceil((len(scores) + 1) * (1.0 - tail) - 1e-9)
-    if rank > len(scores):
+    bound = rank_quantile(scores, np.arange(len(scores)), tail)
+    if math.isinf(bound):
         raise WideberthError(
-            f"{len(scores)} rows to calibrate with; wanted at least {math.ceil(1 / tail) - 1} for "
-            f"a tail of {tail:g}: give longer recordings"
+            f"{len(scores)} rows to calibrate with; wanted at least {fewest_ranks(tail)} for a "
+            f"tail of {tail:g}: give longer recordings"
         )
-    return float(np.sort(scores)[rank - 1])
+    return bound
 
 
 def residual_fields(grid: FieldGrid, predicted: Array, actual: Array) -> tuple[IntArray, Array]:

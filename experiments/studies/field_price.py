@@ -11,10 +11,10 @@ import numpy as np
 from ...controllers.functional_envelope import (
     EnvelopeFit,
     FieldGrid,
-    rank_quantile,
     residual_fields,
 )
 from ...framework import Predictor, WideberthError
+from ...framework.calibration import rank_quantile
 from ...framework.plugins.config import build
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.windows import IntArray
@@ -77,7 +77,7 @@ class Calibrating:
             return self._constants(self._joint_constant(tail)[at])
         if method == "constant":
             both = np.concatenate([self.learning, self.held])
-            values = [rank_quantile(_known(self.errors[both, h]), tail) for h in at]
+            values = [_quantile(self.errors[both, h], tail) for h in at]
             return self._constants(np.array(values))
         parts = [[_known(self.fields[part, h]) for part in (self.learning, self.held)] for h in at]
         return np.stack([fit.bound(*own) for own in parts])
@@ -99,7 +99,7 @@ class Calibrating:
         """U, (N,): c v_h with v_h the error's quantile of one part, and c of the other."""
         growth = np.maximum(np.nanquantile(self.errors[self.learning], 1.0 - tail, axis=0), 1e-6)
         largest = np.fmax.reduce(self.errors[self.held] / growth, axis=1)
-        return np.asarray(growth * rank_quantile(_known(largest), tail))
+        return np.asarray(growth * _quantile(largest, tail))
 
 
 @final
@@ -169,6 +169,12 @@ def _nearest(people: Array, predictions: Array) -> Array:
     """Distance from people (O, 2) to the nearest prediction (K, 2), (O,), m; NaN where unknown."""
     known = predictions[np.isfinite(predictions).all(axis=1)]
     return np.asarray(np.sqrt(((people[:, None] - known) ** 2).sum(axis=2)).min(axis=1))
+
+
+def _quantile(errors: Array, tail: float) -> float:
+    """Return the error that a further exchangeable one exceeds with probability ``tail``."""
+    known = _known(errors)
+    return rank_quantile(known, np.arange(len(known)), tail)
 
 
 def _known(values: Array) -> Array:

@@ -10,10 +10,10 @@ from wideberth.controllers.functional_envelope import (
     FieldGrid,
     FunctionalEnvelope,
     distance_field,
-    rank_quantile,
     residual_fields,
 )
 from wideberth.controllers.gaussian_mixture import GaussianMixture
+from wideberth.framework.values.coverage import Event
 from wideberth.framework.values.errors import WideberthError
 
 GRID = FieldGrid((1.0, -2.0), 8.0, 9)
@@ -93,20 +93,19 @@ def test_upper_is_the_largest_field_of_the_ellipsoids():
     np.testing.assert_allclose(best, upper, rtol=5e-3)
 
 
-@pytest.mark.parametrize(("count", "tail"), [(9, 0.1), (19, 0.1), (39, 0.05), (7, 0.3)])
-def test_rank_quantile_is_exceeded_as_seldom_as_it_says(count, tail):
-    """A further score is above the k-th of n with probability 1 - k / (n + 1), exactly."""
-    rng, runs = np.random.default_rng(count), 20000
-    scores = rng.exponential(size=(runs, count + 1))
-    above = np.mean([row[-1] > rank_quantile(row[:-1], tail) for row in scores])
-    exact = 1.0 - np.ceil((count + 1) * (1.0 - tail) - 1e-9) / (count + 1)
-    assert exact <= tail + 1e-12
-    assert abs(above - exact) < 3.0 * np.sqrt(exact * (1.0 - exact) / runs)
-
-
 def test_too_few_rows_are_refused():
-    with pytest.raises(WideberthError, match="9 rows to calibrate with; wanted at least 19"):
-        rank_quantile(np.zeros(9), 0.05)
+    """Half of the tail is for the density: 19 rows bound 0.05, of 38 dealt to two halves."""
+    fit = EnvelopeFit(TAIL, held_out=0.5)
+    assert fit.fewest == 38
+    fields = np.random.default_rng(7).standard_normal((38, 4))
+    assert np.isfinite(fit.upper(fields)).all()
+    with pytest.raises(WideberthError, match="18 rows to calibrate with; wanted at least 19"):
+        fit.upper(fields[:36])
+
+
+def test_states_its_promise():
+    assert EnvelopeFit.coverage.event is Event.FIELD
+    assert "at each step for itself" in str(EnvelopeFit.coverage)
 
 
 def test_promise_holds_for_exchangeable_rows():
