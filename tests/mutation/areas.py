@@ -110,6 +110,8 @@ TESTS = (
     "planner_paths",
     "planner_plans",
     "predictors.py",
+    "calibrations",
+    "functional_constant",
     "predictors_adaptive",
     "predictors_conformal",
     "predictors_degenerate",
