@@ -1,6 +1,7 @@
 """Drawn futures: a plan keeps clear of a thousand of them at once, and says what it risks."""
 
 from dataclasses import dataclass
+from itertools import product
 from math import sqrt
 from typing import ClassVar, NamedTuple, final
 from zlib import crc32
@@ -42,6 +43,11 @@ SUPPORT = 20
 risk asked for with these are refused."""
 DEVIATIONS = 2.0
 """Size of the ellipse whose normal the half-planes take."""
+WAYS = ((1.0, 0.0), (1.0, 0.4), (0.5, 0.0), (0.5, 0.4), (1.0, 0.8), (0.0, 0.0), (1.0, 1.3))
+"""Share of the pace, and rad to either side: what is looked at, in turn, where the last plan
+meets a person."""
+ENOUGH = 0.4
+"""m from the nearest mean, beside the radii, that such a way has to leave."""
 NOTHING = Auxiliary((), (), ())
 
 
@@ -58,10 +64,10 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
         n_kh . p_h  >=  b_kh,       b_kh = max(c_kh,  max_s n_kh . x_skh + r_k)
 
     over the scenarios s that are not discarded. The normal n is that of an ellipse around the
-    forecast's mean, on the side where the last plan, shifted, passes it; where that plan meets the
-    mean, on the side where the robot is now. c is what an obstacle gets for nothing, which no
-    scenario has to hold: half of the gap between the last plan and it, and whatever the
-    robot cannot reach.
+    forecast's mean, on the side where the last plan, shifted, passes it; where that plan meets
+    anyone's mean, on the side of another way that clears all of them most. c is what an obstacle
+    gets for nothing, which no scenario has to hold: half of the gap between that way and it, and
+    whatever the robot cannot reach.
 
     **Promise.** Neither n nor c depends on the draws, which are new at every stamp. Then the
     half-planes follow from those scenarios alone that hold one of them (attain b above c), and
@@ -179,8 +185,9 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
     def half_planes(self, robot: Robot, view: PlanningContext) -> "DrawnHalfPlanes":
         """Return the half-planes, those that they keep clear of, and the scenarios behind them."""
         everyone = _obstacles(view)
-        normal = _normals(robot, everyone, view)
-        free = _Free.of(robot, everyone, normal, view)
+        anchor = _anchor(robot, everyone, view)
+        normal = _normals(robot, everyone, anchor, view)
+        free = _Free.of(robot, everyone, normal, anchor, view)
         over = self._drawn(view, everyone, normal) - (free.given - free.least)[None]
         height = np.maximum(over.max(axis=0), 0.0)
         far = (free.given + height <= free.beyond).all(axis=0)
@@ -307,16 +314,21 @@ class _Free(NamedTuple):
 
     @classmethod
     def of(
-        cls, robot: Robot, everyone: ObstacleSet, normal: Array, view: PlanningContext
+        cls,
+        robot: Robot,
+        everyone: ObstacleSet,
+        normal: Array,
+        anchor: Array,
+        view: PlanningContext,
     ) -> "_Free":
         """Compute them of all obstacles."""
         bodies = discs(robot)
         room = bodies[0].radius + view.margin + everyone.radius
         least = np.einsum("nod,nod->no", normal, everyone.mean) + room
-        planned = np.einsum("nod,nd->no", normal, view.planned) - farthest(bodies)
+        gap = np.einsum("nod,nd->no", normal, anchor) - farthest(bodies) - least
         here = np.einsum("nod,nd->no", normal, view.route[1])
         beyond = here - view.travel[:, None] - sqrt(robot.dimension) * farthest(bodies)
-        given = np.maximum(least + HALF * np.maximum(planned - least, 0.0), beyond)
+        given = np.maximum(least + HALF * np.maximum(gap, 0.0), beyond)
         return cls(least, given, beyond)
 
 
@@ -334,18 +346,40 @@ def _obstacles(view: PlanningContext) -> ObstacleSet:
     return ObstacleSet(mean, not_wider(covariance), view.tracks.radius, view.tracks.ids)
 
 
-def _normals(robot: Robot, everyone: ObstacleSet, view: PlanningContext) -> Array:
-    """Return unit normals of the half-planes, (N, O, D), on the side of the last plan.
+def _anchor(robot: Robot, everyone: ObstacleSet, view: PlanningContext) -> Array:
+    """Return the way on whose side of everyone the half-planes lie, (N, D), m.
+
+    The last plan, shifted, where it clears all means, also between steps. Else that plan and the
+    reference are slowed down and turned about where the robot is: the first of `WAYS` that leaves
+    `ENOUGH` is taken, or what leaves most.
+    """
+    room = everyone.radius + discs(robot)[0].radius + view.margin
+    here, best = view.route[1], view.planned
+    most = (_closest(best[:, None] - everyone.mean) - room).min(initial=np.inf)
+    if most >= 0.0:
+        return best
+    for pace, turn in WAYS:
+        for way, side in product((view.planned, view.reference.position), (1.0, -1.0)):
+            cos, sin = np.cos(turn), side * np.sin(turn)
+            tried = pace * (way - here)
+            tried[:, :2] = tried[:, :2] @ np.array([[cos, sin], [-sin, cos]])
+            tried += here
+            clear = (_closest(tried[:, None] - everyone.mean) - room).min()
+            if clear > most:
+                best, most = tried, clear
+        if most >= ENOUGH:
+            break
+    return best
+
+
+def _normals(robot: Robot, everyone: ObstacleSet, anchor: Array, view: PlanningContext) -> Array:
+    """Return unit normals of the half-planes, (N, O, D), on the side of the anchor.
 
     n is along (q^2 Sigma + rho^2 I)^-1 (p - mu), the normal at p of the ellipse around the mean,
-    rho the radii of both bodies. Where the last plan comes within rho of the mean, between steps
-    too, p is the robot's place now, at all steps.
+    rho the radii of both bodies.
     """
     radius = everyone.radius + discs(robot)[0].radius + view.margin
-    apart = view.planned[:, None] - everyone.mean
-    through = _closest(apart) < radius
-    here = view.route[1][:, None] - everyone.mean
-    apart = np.where(through[None, :, None], here, apart)
+    apart = anchor[:, None] - everyone.mean
     size = apart.shape[2]
     with np.errstate(all="ignore"):
         wide = DEVIATIONS**2 * everyone.covariance + (radius**2)[:, None, None] * np.eye(size)

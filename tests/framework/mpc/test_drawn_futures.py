@@ -207,3 +207,16 @@ def test_the_modes_of_a_forecast_are_drawn_by_their_weights() -> None:
         along = np.einsum("nod,sond->sno", drawn.planes.normal, fresh)
         offset = np.einsum("nod,nod->no", drawn.planes.normal, drawn.kept.mean)
         assert (along > offset + drawn.planes.room).any(axis=(1, 2)).mean() <= KIND.risk
+
+
+def test_a_plan_passes_who_stands_in_the_way() -> None:
+    """The last plan meets the person: the half-planes then lie beside a turned one."""
+    made = planner(predictor={"type": "constant_velocity", "acceleration_density": 5e-4})
+    person = Detection("person", np.array([3.0, 0.0]), 1e-4 * np.eye(2), 0.3)
+    for tick in range(-8, 1):
+        state = np.array([0.2 * tick, 0.0, 0.0, 0.4, 0.0])
+        seen = Observation(0.5 * tick, state, (person,))
+        made.remember(seen)
+    made.command(seen)
+    assert made.plan is not None and made.plan.rung == "optimal" and made.plan.risk < 0.1
+    assert made.plan.positions[-1, 0] > 2.5 and np.abs(made.plan.positions[:, 1]).max() > 0.6
