@@ -176,9 +176,11 @@ def _numbered(scores: CalibrationScores, kept: BoolArray, inside: IntArray) -> I
 
 def largest(values: Array, groups: IntArray) -> Array:
     """Largest value in each group, (W, ...) -> (G, ...); NaN is passed over, of all it is 0."""
-    kept = groups >= 0
     found = np.zeros((int(groups.max(initial=-1)) + 1, *values.shape[1:]))
-    np.fmax.at(found, groups[kept], values[kept])
+    order = np.argsort(groups, kind="stable")[np.count_nonzero(groups < 0) :]
+    if len(order):
+        own, first = np.unique(groups[order], return_index=True)
+        found[own] = np.fmax(np.fmax.reduceat(values[order], first, axis=0), 0.0)
     return found
 
 
