@@ -25,10 +25,12 @@ from wideberth.predictors.oracle import Oracle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.robots.unicycle_velocity import UnicycleVelocity
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.problems import assemble
 
 ROBOTS = [build("robots", name) for name in names("robots")]
+TAKES_VELOCITIES = HolonomicVelocity, UnicycleVelocity
 DT, RADIUS = 0.5, 0.3
 TIMES = np.arange(0.0, 60.0, 0.1)
 
@@ -119,7 +121,7 @@ def test_the_plan_ends_at_rest(robot: Robot) -> None:
     speed = np.abs([*pushed.linear, pushed.angular]).max()
     assert speed <= REST + 1e-4
     free = World(robot, {}, Fatrop(), fallback=Fallback()).decide()
-    if not isinstance(robot, HolonomicVelocity):
+    if not isinstance(robot, TAKES_VELOCITIES):
         assert np.linalg.norm(free.states[-1] - plan.states[-1]) > 0.1
     assert free.positions[-1, 0] >= plan.positions[-1, 0] - 1e-6
 
@@ -134,7 +136,7 @@ def test_a_robot_that_takes_velocities_needs_no_condition() -> None:
             for wanted in (True, False)
         }  # fmt: skip
         assert rows[False] == 0
-        assert (rows[True] == 0) == isinstance(robot, HolonomicVelocity)
+        assert (rows[True] == 0) == isinstance(robot, TAKES_VELOCITIES)
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: type(robot).__name__)
