@@ -395,7 +395,8 @@ def _panel(panel: Any, rows: list[Row]) -> None:
         own = [row for row in rows if row["method"] == method]
         place = np.arange(len(scenes)) + 0.16 * (k - 2)
         value = column(own, last)
-        error = np.abs(np.stack([column(own, f"{last}_low"), column(own, f"{last}_high")]) - value)
+        ends = value - column(own, f"{last}_low"), column(own, f"{last}_high") - value
+        error = np.maximum(ends, 0.0)  # the value may lie outside
         panel.bar(place, value, 0.15, yerr=error, color=COLOURS[k], label=method,
                   hatch="//" * ("constant" in method), edgecolor="white")  # fmt: skip
     panel.set_xticks(np.arange(len(scenes)), scenes)
