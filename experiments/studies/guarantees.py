@@ -9,10 +9,10 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...controllers.constant_velocity import ConstantVelocityController
-from ...framework import Controller, Fittable, Robot, Tracks, WideberthError
+from ...framework import Controller, Fittable, Predictor, Robot, Tracks, WideberthError
 from ...framework.controller import driving
+from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.planner.planner import Planner
-from ...framework.mpc.slots.base import SlotKind
 from ...framework.plugins.config import describe
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import Recording
@@ -320,12 +320,13 @@ def promised(planner: Planner) -> tuple[Coverage, float, str]:
     ------
     WideberthError : none of them promises anything.
     """
-    for part in (*planner.further_kinds, planner.predictor, planner.level):
+    for kind in planner.further_kinds:
+        if kind.coverage is not None:
+            return kind.coverage, float(describe(kind)["risk"]), "meetings"
+    stated: tuple[Predictor | LevelPolicy, ...] = (planner.predictor, planner.level)
+    for part in stated:
         if part.coverage is not None:
-            stated = describe(part)
-            if isinstance(part, SlotKind):
-                return part.coverage, float(stated["risk"]), "meetings"
-            return part.coverage, float(stated["tail"]), MISSES[part.coverage.event]
+            return part.coverage, float(describe(part)["tail"]), MISSES[part.coverage.event]
     raise WideberthError("neither predictor nor level of the planner states a coverage")
 
 
@@ -395,7 +396,7 @@ def _starts(recording: Recording, count: int) -> tuple[int, ...]:
     there = np.flatnonzero(np.isfinite(recording.positions[:, :last]).all(axis=2).any(axis=0))
     if not there.size:
         raise WideberthError(
-            "a recording shows nobody before its last 100 rows: take a longer one"
+            "a recording shows no one before its last 100 rows: take a longer one"
         )
     chosen = there[np.linspace(0, len(there) - 1, count).round().astype(int)]
     return tuple(dict.fromkeys(chosen.tolist()))
@@ -423,7 +424,7 @@ def draw(lines: list[Row]) -> Any:
         down, across, figsize=(PAGE, 0.9 + 2.4 * down), squeeze=False, sharex=True, sharey=True
     )
     widest = max(float(line["radius_last_m"]) for line in lines)
-    shades = None
+    shades: Any = None
     for panel, ((place,), some) in zip(panels.flat, places.items(), strict=False):
         panel.plot([LEAST, 1.0], [LEAST, 1.0], color="black", linestyle=":", linewidth=0.9)
         for line in some:
