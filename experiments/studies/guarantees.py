@@ -415,23 +415,28 @@ MARKS = "osD^vP*X<>dph8"
 
 
 def draw(lines: list[Row]) -> Any:
-    """Draw what was missed against what was promised, a panel per place, shaded by the price."""
+    """Draw what was missed over what was promised, a panel per place, shaded by the price.
+
+    Planners of one promise stand side by side, over a dotted line at what they promised.
+    """
     places = group(lines, "place")
-    names = list(dict.fromkeys(str(line["planner"]) for line in lines))
+    promises = {str(line["planner"]): float(line["promise"]) for line in lines}
+    names = sorted(promises, key=promises.__getitem__)
+    values = sorted(set(promises.values()))
+    at = {name: k + values.index(promises[name]) for k, name in enumerate(names)}
     across = min(len(places), 3)
     down = -(-len(places) // across)
     figure, panels = subplots(
-        down, across, figsize=(PAGE, 0.9 + 2.4 * down), squeeze=False, sharex=True, sharey=True
+        down, across, figsize=(PAGE, 0.9 + 2.2 * down), squeeze=False, sharex=True, sharey=True
     )
     widest = max(float(line["radius_last_m"]) for line in lines)
     shades: Any = None
     for panel, ((place,), some) in zip(panels.flat, places.items(), strict=False):
-        panel.plot([LEAST, 1.0], [LEAST, 1.0], color="black", linestyle=":", linewidth=0.9)
         for line in some:
-            look = MARKS[names.index(str(line["planner"])) % len(MARKS)]
-            shades = _mark(panel, line, look, widest)
-        panel.set(xscale="log", yscale="log", xlim=(0.01, 1.0), ylim=(0.8 * LEAST, 1.2))
-        panel.set_title(title(place))
+            name = str(line["planner"])
+            shades = _mark(panel, line, at[name], MARKS[names.index(name) % len(MARKS)], widest)
+        _dotted(panel, {value: [at[n] for n in names if promises[n] == value] for value in values})
+        panel.set(yscale="log", ylim=(0.8 * LEAST, 1.2), title=title(place))
     for panel in panels.flat[len(places) :]:
         panel.set_visible(False)
     for panel in panels[-1]:
@@ -439,8 +444,8 @@ def draw(lines: list[Row]) -> Any:
     for panel in panels[:, 0]:
         panel.set_ylabel("missed")
     figure.colorbar(shades, ax=[*panels.flat], label="radius at the last step (m)", shrink=0.8)
-    for name in names:
-        look = MARKS[names.index(name) % len(MARKS)]
+    for k, name in enumerate(names):
+        look = MARKS[k % len(MARKS)]
         panels[0, 0].plot([], [], look, color="0.4", markersize=5, label=title(name))
     words = few(int(line["episodes"]) for line in lines) or "bars: intervals of 95 %"
     legend_below(figure, panels[:1, 0], ncols=4, title=f"{words}; dotted: as promised",
@@ -448,13 +453,21 @@ def draw(lines: list[Row]) -> Any:
     return figure
 
 
-def _mark(panel: Any, line: Row, look: str, widest: float) -> Any:
+def _dotted(panel: Any, places: Mapping[float, Sequence[int]]) -> None:
+    """Draw each promise over the planners that make it, and name it on the axis."""
+    for value, own in places.items():
+        panel.plot([own[0] - 0.5, own[-1] + 0.5], [value, value], "k:", linewidth=1.0)
+    middles = [0.5 * (own[0] + own[-1]) for own in places.values()]
+    panel.set_xticks(middles, [f"{100 * value:g} %" for value in places])
+    panel.grid(axis="x", visible=False)
+
+
+def _mark(panel: Any, line: Row, at: int, look: str, widest: float) -> Any:
     """Draw one planner's marker with its interval; return what the colours stand for."""
     missed = max(float(line["missed"]), LEAST)
     ends = [max(float(line[f"missed_{end}"]), LEAST) for end in ("low", "high")]
-    promise = float(line["promise"])
-    panel.plot([promise, promise], ends, color="0.6", linewidth=0.9, zorder=1)
+    panel.plot([at, at], ends, "-", color="0.6", linewidth=0.9, zorder=1)
     return panel.scatter(
-        promise, missed, c=[float(line["radius_last_m"])], marker=look, s=30, cmap="Greys",
-        vmin=-0.2 * widest, vmax=widest, edgecolors="black", linewidths=0.6, zorder=2,
+        at, missed, c=[float(line["radius_last_m"])], marker=look, s=26, cmap="Greys",
+        vmin=0.0, vmax=widest, edgecolors="black", linewidths=0.6, zorder=2,
     )  # fmt: skip
