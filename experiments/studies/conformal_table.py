@@ -152,8 +152,8 @@ class ConformalTable(GridStudy):
     }
     headline: ClassVar[tuple[str, ...]] = ("collision", "arrivals", "steps")
     printed: ClassVar[tuple[str, ...]] = (
-        *("starts", "collision", "infeasible", "steps", "timeouts", "arrivals", "hits"),
-        *("unavoidable", *KINDS, "difference", "p_value"),
+        *("starts", "collision", "infeasible", "steps", "arrivals", "hits", "unavoidable"),
+        *(*KINDS, "p_value"),
     )
 
     contenders: dict[str, Contender]

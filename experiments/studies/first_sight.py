@@ -76,10 +76,11 @@ class FirstSight(GridStudy):
     noise : m, standard deviations of what is added to every sight, each for itself.
     ahead : s, time of the last step.
     rows : of a recording in an episode.
-    episodes : of each recording, evenly spaced over it; fewer where it is too short.
+    starts : episodes of each recording, evenly spaced over it; fewer where it is too short.
     as_given : predictors that are not fitted.
     only : scenes to score; all if empty.
-    seeds : of the noise.
+    seeds : of the noise, how many.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     """
 
     claim: ClassVar[str] = (
@@ -94,6 +95,7 @@ class FirstSight(GridStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("missed", "radius_last_m", "plans_missed")
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
 
     predictors: dict[str, Predictor]
     data: PredictionData = field(default_factory=PredictionData)
@@ -101,15 +103,17 @@ class FirstSight(GridStudy):
     noise: tuple[float, ...] = (0.0, 0.02, 0.05)
     ahead: float = 5.0
     rows: int = 100
-    episodes: int = 4
+    starts: int = 4
     as_given: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
     seeds: int = 3
+    first_seed: int = 0
 
     def __post_init__(self) -> None:
         positive("ahead", self.ahead)
-        for name in ("rows", "episodes", "seeds"):
+        for name in ("rows", "starts", "seeds"):
             whole(name, getattr(self, name))
+        whole("first_seed", self.first_seed, least=0)
         for name, least in (("dt", False), ("noise", True)):
             for value in getattr(self, name):
                 positive(name, value, zero=least)
@@ -127,7 +131,7 @@ class FirstSight(GridStudy):
             "scene": self.scored(),
             "dt": self.dt,
             "noise": self.noise,
-            "seed": range(self.seeds),
+            "seed": range(self.first_seed, self.first_seed + self.seeds),
         }
 
     def inputs(self) -> list[Path]:
@@ -161,7 +165,7 @@ class FirstSight(GridStudy):
         there: BoolArray = np.asarray(np.isfinite(recording.positions).all(axis=2))
         whole_ones = range(0, max(length - self.rows, 0) + 1, self.rows)
         seen = [row for row in whole_ones if there[:, row : row + self.rows].any()]
-        chosen = np.linspace(0, len(seen) - 1, min(self.episodes, len(seen))).round()
+        chosen = np.linspace(0, len(seen) - 1, min(self.starts, len(seen))).round()
         return [seen[int(place)] for place in chosen]
 
     def _episode(
@@ -218,7 +222,7 @@ class FirstSight(GridStudy):
 
     def quick(self) -> Self:
         """Look at an episode of one scene with one predictor."""
-        return reduced(self, predictors=1, dt=-1, noise=1, rows=25, episodes=1, seeds=1)
+        return reduced(self, predictors=1, dt=-1, noise=1, rows=25, starts=1, seeds=1)
 
 
 def _sights(seen: Array, mean: Array, covariance: Array, weight: Array, truth: Array) -> Sights:

@@ -123,6 +123,7 @@ class Guarantees(GridStudy):
         modulo their number, with noise of its own.
     only : places to take, simulated and recorded; all if empty.
     seeds : episodes of each planner in each place.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     """
 
     claim: ClassVar[str] = (
@@ -137,6 +138,11 @@ class Guarantees(GridStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("promise", "missed", "radius_last_m")
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    printed: ClassVar[tuple[str, ...]] = (
+        *("event", "promise", "missed", "missed_low", "missed_high", "plans_missed"),
+        *("radius_last_m", "arrived", "collisions", "time_s"),
+    )
 
     planners: dict[str, Controller]
     robot: Robot
@@ -147,9 +153,11 @@ class Guarantees(GridStudy):
     starts: int = 30
     only: tuple[str, ...] = ()
     seeds: int = 30
+    first_seed: int = 0
 
     def __post_init__(self) -> None:
         whole("seeds", self.seeds)
+        whole("first_seed", self.first_seed, least=0)
         whole("starts", self.starts)
         if not self.planners:
             raise WideberthError("planners is empty; name at least one")
@@ -161,7 +169,7 @@ class Guarantees(GridStudy):
 
     def axes(self) -> Axes:
         """Each planner in each place, and the seeds in blocks."""
-        seeds = range(self.seeds)
+        seeds = range(self.first_seed, self.first_seed + self.seeds)
         return {
             "place": [*self._simulated, *self._scenes()],
             "planner": self.planners,
@@ -191,7 +199,7 @@ class Guarantees(GridStudy):
                 )
         every = {name: self._place(name)[0] for name in (*self._simulated, *self._scenes())}
         driven = {name: driving(one, self.robot) for name, one in self.planners.items()}
-        check_starts(every, self.robot, driven, 0)
+        check_starts(every, self.robot, driven, self.first_seed)
 
     def measure(self, task: Task) -> TaskOutcome:
         """Fit the planner, play a block of episodes, and judge their plans."""

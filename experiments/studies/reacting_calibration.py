@@ -61,9 +61,10 @@ class ReactingCalibration(GridStudy):
     predictors : to be calibrated, by name.
     gains : kappa of `next_radius`, one iteration each.
     iterations : of each.
-    episodes : of each collection.
+    collected : episodes of each collection.
     settings : of the episodes.
     seeds : repetitions of all.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     """
 
     claim: ClassVar[str] = (
@@ -92,14 +93,16 @@ class ReactingCalibration(GridStudy):
     predictors: dict[str, Conformal]
     gains: tuple[float, ...] = (0.0, 0.5)
     iterations: int = 6
-    episodes: int = 20
+    collected: int = 20
     settings: Settings = field(default_factory=Settings)
     seeds: int = 1
+    first_seed: int = 0
 
     def __post_init__(self) -> None:
         planner_of(self.planner)
-        for name in ("iterations", "episodes", "seeds"):
+        for name in ("iterations", "collected", "seeds"):
             whole(name, getattr(self, name))
+        whole("first_seed", self.first_seed, least=0)
         for gain in self.gains:
             positive("gains", gain, zero=True, most=0.999)
         if not self.drivers or PLANNER in self.drivers:
@@ -115,7 +118,7 @@ class ReactingCalibration(GridStudy):
             "people": self.scenarios,
             "calibration": self.predictors,
             ("part", "gain"): parts,
-            "seed": range(self.seeds),
+            "seed": range(self.first_seed, self.first_seed + self.seeds),
         }
 
     def inputs(self) -> Sequence[Any]:
@@ -199,7 +202,7 @@ class ReactingCalibration(GridStudy):
     def quick(self) -> Self:
         """Keep the first people, one predictor and one gain, and few episodes."""
         return reduced(
-            self, scenarios=1, predictors=1, gains=1, drivers=1, iterations=2, episodes=2, seeds=1
+            self, scenarios=1, predictors=1, gains=1, drivers=1, iterations=2, collected=2, seeds=1
         )
 
 
@@ -232,7 +235,7 @@ class _Crowd:
         planner = planner_of(study.planner)
         controller = study.drivers.get(driver) or replace(planner, predictor=predictor)
         controller = driving(controller, study.robot)
-        seeds = range(self.first + STAGE * stage, self.first + STAGE * stage + study.episodes)
+        seeds = range(self.first + STAGE * stage, self.first + STAGE * stage + study.collected)
         found = _Seen([], [])
         for seed in seeds:
             episode = play(self.scenario, study.robot, controller, study.settings, seed)

@@ -246,6 +246,7 @@ _PLAN_ARRAYS = (
     *("states", "inputs", "positions", "reference", "auxiliaries", "level", "target", "content"),
 )
 _PLAN_NUMBERS = ("stamp", "dt", "violation", "cost", "risk")
+"""Numbers of a plan; the last one only where it is known, so that older files are read alike."""
 
 
 class _Packer:
@@ -437,7 +438,7 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
     forecast = plan.forecast
     return {
         "arrays": {name: pack.put(getattr(plan, name)) for name in _PLAN_ARRAYS},
-        "numbers": pack.put([getattr(plan, name) for name in _PLAN_NUMBERS]),
+        "numbers": pack.put([getattr(plan, name) for name in _known_numbers(plan)]),
         "ids": list(plan.ids),
         "left_out": list(plan.left_out),
         "tracked": list(plan.tracked),
@@ -460,6 +461,11 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
     }
 
 
+def _known_numbers(plan: Plan) -> tuple[str, ...]:
+    """Return the names of the numbers that are written."""
+    return _PLAN_NUMBERS if np.isfinite(plan.risk) else _PLAN_NUMBERS[:-1]
+
+
 def _counted(count: int, kind: str) -> str:
     """Return a number of agents in words."""
     several = {"robot": "robots", "person": "people", "replay": "replays"}
@@ -467,8 +473,8 @@ def _counted(count: int, kind: str) -> str:
 
 
 def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
-    numbers = (float(number) for number in unpack.get(stored["numbers"]))
-    values: dict[str, Any] = dict(zip(_PLAN_NUMBERS, numbers, strict=True))
+    numbers = [float(number) for number in unpack.get(stored["numbers"])]
+    values: dict[str, Any] = dict(zip(_PLAN_NUMBERS[: len(numbers)], numbers, strict=True))
     values |= {name: unpack.get(place) for name, place in stored["arrays"].items()}
     known = stored["forecast"]
     forecast = None

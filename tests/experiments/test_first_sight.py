@@ -125,13 +125,13 @@ def shipped() -> FirstSight:
 def test_episodes_are_spread_over_a_recording(shipped: FirstSight) -> None:
     positions = np.zeros((1, 95, 2))
     positions[:, 20:40] = np.nan
-    study = replace(shipped, rows=10, episodes=3)
+    study = replace(shipped, rows=10, starts=3)
     assert study._begins(recording_of(positions)) == [0, 50, 80]
     assert replace(study, rows=200)._begins(recording_of(positions)) == [0]
 
 
 def test_predictors_learn_from_the_other_scenes_alone(shipped: FirstSight) -> None:
-    small = replace(shipped, rows=10, episodes=1, as_given=("imm",))
+    small = replace(shipped, rows=10, starts=1, as_given=("imm",))
     texts = {}
     for task in small.tasks():
         one = task.settings

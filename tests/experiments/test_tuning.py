@@ -85,7 +85,8 @@ def test_pareto_against_brute_force() -> None:
 def made(factor: str, value: object, seed: int, time: float, clearance: float) -> Row:
     row: Row = dict.fromkeys(
         ("length_ratio_worst", "intrusion_share", "freeze_share", "jerk_rms", "social_work",
-         "coverage", "fallbacks", "deadline_misses"), 0.0,
+         "coverage", "fallbacks", "deadline_misses", "feasible_successors",
+         "infeasible_successors", "aimed_successors", "lowered_successors"), 0.0,
     )  # fmt: skip
     success = np.isfinite(time)
     row |= {"factor": factor, "value": value, "seed": seed, "success": bool(success)}
