@@ -70,7 +70,7 @@ def test_a_plan_that_waits_for_ever_is_not_the_only_one_looked_at():
 
 def test_a_plan_within_two_thirds_of_the_radius_is_the_same(monkeypatch):
     """Starts to the left and right of a body lead to plans that are a width of the robot apart."""
-    asked, check = [], SimpleNamespace(robot=Unicycle(radius=0.45), problem=None, parameters=None)
+    asked, check = [], SimpleNamespace(robot=Unicycle(radius=0.45), problem=None, asked=None)
     watch = WatchedSolver(None)
     monkeypatch.setattr(watch, "_watched", lambda check, call, *given: asked.append(call.args[-1]))
     watch.solve_cheapest(check, [], [], Budget(None, 0.0))
