@@ -177,6 +177,7 @@ WITHOUT = {
     "corrected": "moves the mean of another one by recorded errors",
     "coordinated_turn": "its model is not linear: the covariance is that of a linearisation",
     "empirical": "states recorded errors, no process",
+    "functional_constant": "discs that hold what errors were recorded, no process",
     "game": "a game's solution with a stated spread, no process",
     "imm": "mixtures are merged at every sample, which is an approximation",
     "mixture_density": "a learnt network",
