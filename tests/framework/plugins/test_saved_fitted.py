@@ -11,16 +11,19 @@ from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.plugins.yamlfile import dump, parse
 from wideberth.framework.predictor import Adaptive, Fittable, Predictor
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.functional_constant import FunctionalConstant
 from wideberth.predictors.mixture_density import MixtureDensity
 from wideberth.predictors.single_gaussian import SingleGaussian
 
 LEARNERS = [name for name in names("predictors") if issubclass(load("predictors", name), Fittable)]
 ADAPTING = [name for name in names("predictors") if issubclass(load("predictors", name), Adaptive)]
 SHORT: dict[str, Fittable] = {
+    "functional_constant": FunctionalConstant(tail=0.2, steps=4),
     "mixture_density": MixtureDensity(rounds=1),
     "single_gaussian": SingleGaussian(MixtureDensity(rounds=1)),
 }
-"""A network trained for a moment has as many numbers as any other."""
+"""A network trained for a moment has as many numbers as any other; so have scales of 4 steps, of
+which the crowds have enough moments."""
 FEW = {"bayesian_var": 6, "cascade": 12, "coordinated_turn": 3, "imm": 3}
 """People per recording for those whose fit is a long search."""
 
