@@ -176,4 +176,4 @@ def test_who_can_turn_on_the_spot() -> None:
     found = {name: build("robots", name) for name in names("robots")}
     turns = [name for name, one in found.items()
              if turns_on_the_spot(one, np.zeros(len(one.states)))]  # fmt: skip
-    assert sorted(turns) == ["differential_drive", "unicycle"]
+    assert sorted(turns) == ["differential_drive", "unicycle", "unicycle_velocity"]
