@@ -41,6 +41,7 @@ Case = tuple[str, int, int]
 """Kind, index of what is under test, seed."""
 QUICK = ("dynamic_window", "nav2", "orca", "social_force")
 """Rivals of the dry run; none of them compiles anything for long."""
+QUICK_PREDICTORS = ("adaptive_conformal", "game", "imm")
 
 
 @dataclass
@@ -107,10 +108,10 @@ def chunks(amounts: dict[str, int]) -> list[list[Case]]:
 
 def quick() -> list[Case]:
     """Return the cases of the dry run."""
-    kinds = [one["type"] for one in rivals()]
+    kinds, predictors = [one["type"] for one in rivals()], names("predictors")
     return [
         *(("rival", kinds.index(name), 0) for name in QUICK),
-        *(("predictor", index, 0) for index in (0, 9, 10)),
+        *(("predictor", predictors.index(name), 0) for name in QUICK_PREDICTORS),
         ("detector", 2, 0),
         ("node", 3, 0),
         *(("config", 0, seed) for seed in range(5)),

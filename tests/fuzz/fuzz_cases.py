@@ -126,7 +126,7 @@ def setups() -> list[dict[str, Any]]:
     made: list[tuple[str, str, str, str | None]] = []
     for index, region in enumerate(names("regions")):
         for turn, solver in enumerate(("riccati", "fatrop")):
-            robot = robots[(2 * index + turn + index // 3) % len(robots)]
+            robot = robots[(index + turn) % len(robots)]
             if "3d" in robot and 3 not in build("regions", region).dimensions:
                 robot = "unicycle"
             made.append((region, robot, solver, None))
