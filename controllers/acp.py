@@ -47,7 +47,8 @@ class AdaptiveConformalPlanner(SampledController):
 
     Parameters
     ----------
-    tail : alpha. rate : gamma.
+    tail : alpha.
+    rate : gamma.
     earlier : episodes of `EPISODE` decisions that the process ran before, as published.
     robot, predictor, period, steps, paths, seed, as_published : as in `SampledController`.
 

@@ -32,7 +32,9 @@ class ConformalController(SampledController):
 
     Parameters
     ----------
-    risk : epsilon, m. rate : eta, 1/m^2. weight : lambda at first, 1/m.
+    risk : epsilon, m.
+    rate : eta, 1/m^2.
+    weight : lambda at first, 1/m.
     robot, predictor, period, steps, paths, seed, as_published : as in `SampledController`.
 
     Raises

@@ -47,7 +47,9 @@ class EgocentricConformalPlanner(SampledController):
 
     Parameters
     ----------
-    tail : alpha. rate : gamma. window : scores.
+    tail : alpha.
+    rate : gamma.
+    window : scores that a margin is made of.
     robot, predictor, period, steps, paths, seed, as_published : as in `SampledController`.
 
     Raises

@@ -214,7 +214,8 @@ class FieldPrice(GridStudy):
     people : "paired": those who are both predicted and there, as published, or "everyone":
         newcomers count, too.
     window : rows that are left out at a time.
-    cells : of the grid, along each side. resamples : of the bootstrap of calibration rows.
+    cells : of the grid, along each side.
+    resamples : of the bootstrap of calibration rows.
     """
 
     data: PredictionData = field(default_factory=PredictionData)
