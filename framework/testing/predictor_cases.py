@@ -103,9 +103,9 @@ def move_scene(scene: Scene, turn: Array, shift: Array) -> Scene:
     )
 
 
-def draw_recordings(size: int, rng: np.random.Generator) -> list[Tracks]:
+def draw_recordings(size: int, rng: np.random.Generator, rows: int = 60) -> list[Tracks]:
     """Return recordings to fit to: people who bend their way, walk on or stand, with gaps."""
-    count, rows, dt = 12, 60, 0.4
+    count, dt = 12, 0.4
     drawn = []
     for place in range(2):
         bends = np.cumsum(rng.normal(0, 0.06, (count, rows, size)), axis=1)

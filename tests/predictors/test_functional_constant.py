@@ -155,7 +155,7 @@ def test_discs_of_the_learnt_radius_on_any_grid_of_time() -> None:
 
 
 def test_it_keeps_the_laws_and_is_saved(tmp_path: object) -> None:
-    check_predictor(FunctionalConstant(tail=0.1, steps=4), dimensions=(2,))
+    check_predictor(FunctionalConstant(tail=0.1, newcomers=True), dimensions=(2,))
     scenes = [world(np.random.default_rng(6), 200)]
     predictor = FunctionalConstant(Kalman(), TAIL, True, observed=4, steps=STEPS).fit(scenes)
     path = save_plugin(f"{tmp_path}/c.json", "predictor", predictor)

@@ -44,10 +44,12 @@ class Absent(Still):
 
 @dataclass(frozen=True)
 class Hungry(Still):
-    """Wants windows longer than any recording of the check."""
+    """Wants longer windows than the usual recordings of the check have."""
+
+    observed: int = 100
 
     def fit(self, dataset: Any) -> Any:
-        windows_of(dataset, 100, 12, wanted=10, who="hungry")
+        windows_of(dataset, self.observed, 12, wanted=10, who="hungry")
         return replace(self)
 
 
@@ -147,7 +149,7 @@ class Ruined(Still):
     ("predictor", "law"),
     [
         (Absent(), "fit never raises on a proper dataset: KeyError: 'rows'"),
-        (Hungry(), "hold 0 windows .* give check_predictor a dataset"),
+        (Hungry(300), "hold 0 windows .* give check_predictor a dataset"),
         (Silent(), "fit returns its own kind: Silent, not None"),
         (Other(), "fit returns its own kind: Other, not Kalman"),
         (Inward(), "fit leaves the predictor as it was"),
@@ -168,6 +170,14 @@ def test_the_check_names_what_is_wrong_with_a_fit(predictor: Still, law: str) ->
 @pytest.mark.parametrize("size", [2, 3])
 def test_a_fit_that_finds_what_it_was_told_breaks_no_law(size: int) -> None:
     check_predictor(Same(), dimensions=(size,))
+
+
+def test_a_fit_that_refuses_short_recordings_is_given_longer_ones_unless_they_are_given() -> None:
+    check_predictor(Hungry(), dimensions=(2,))
+    with pytest.raises(AssertionError, match="hold 0 windows"):
+        check_predictor(
+            Hungry(), dimensions=(2,), dataset=draw_recordings(2, np.random.default_rng(0))
+        )
 
 
 @pytest.mark.parametrize("size", [2, 3])
