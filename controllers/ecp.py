@@ -112,7 +112,7 @@ class EgocentricConformalPlanner(SampledController):
     def _margins(self, points: Singles, now: int) -> Array:
         """Return the margin of each path and step, (P, N), m."""
         ahead = self.period * np.arange(1, self.steps + 1)
-        margin = np.tile(FASTEST * ahead, (len(points), 1))
+        margin: Array = np.tile(FASTEST * ahead, (len(points), 1)).astype(np.float64)
         # As many rows for every step: those for which all forecasts have fallen due.
         rows = [row for row in self._seen if all(row - i in self._seen for i in self._steps())]
         for step in self._steps() if rows else ():

@@ -61,7 +61,8 @@ class FieldGrid:
     def nearest(self, points: Array) -> tuple[IntArray, BoolArray]:
         """Return the cell nearest to points (..., 2), m, and whether they are on the grid."""
         place = ((points - np.array(self.centre)) / self.width + 0.5) * (self.cells - 1)
-        inside = ((place >= 0.0) & (place <= self.cells - 1)).all(axis=-1)
+        on_grid = (place >= 0.0) & (place <= self.cells - 1)
+        inside: BoolArray = np.asarray(on_grid.all(axis=-1), dtype=np.bool_)
         column, row = np.moveaxis(np.rint(np.where(inside[..., None], place, 0.0)), -1, 0)
         return np.asarray(row * self.cells + column, dtype=np.int64), inside
 

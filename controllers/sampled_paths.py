@@ -250,8 +250,9 @@ class SampledController(Controller, ABC):
         if not np.isfinite(cost[best]):
             self._reason = f"none of {self.paths} paths is allowed"
             return Command((0.0, 0.0))
-        self._last = paths.velocities[best]
-        speed, turning = (float(value) for value in self._last[0])
+        chosen = paths.velocities[best]
+        self._last = chosen
+        speed, turning = (float(value) for value in chosen[0])
         return Command((speed, 0.0), turning)
 
     def _drawn(self, pose: Array) -> SampledPaths:

@@ -227,7 +227,8 @@ def block_bootstrap(
     known = checked("differences", np.asarray(differences, dtype=np.float64), (len(blocks),))
     whole("resamples", resamples)
     if not len(known):
-        return PairedMean(*(float("nan"),) * 3, 1.0)
+        unknown = float("nan")
+        return PairedMean(unknown, unknown, unknown, 1.0)
     names = {block: i for i, block in enumerate(dict.fromkeys(blocks))}
     member = [names[block] for block in blocks]
     sums, counts = np.bincount(member, known), np.bincount(member)

@@ -149,7 +149,7 @@ class AdaptiveConformal(Adaptive, Fittable):
     state: Online | None = None
 
     reference: ClassVar[str] = "gibbs2021adaptive"
-    coverage: ClassVar[Coverage] = Coverage(
+    coverage: ClassVar[Coverage | None] = Coverage(
         Event.LONG_RUN,
         "1 - tail in the limit, for each class of speed and step",
         "the logarithm of no scale reaches its limit",

@@ -81,7 +81,7 @@ class FunctionalConstant(Fittable):
     fitted: Scales | None = None
 
     reference: ClassVar[str] = "shin2026prediction"
-    coverage: ClassVar[Coverage] = Coverage(
+    coverage: ClassVar[Coverage | None] = Coverage(
         Event.FIELD,
         "at least 1 - tail over the draw of data and future together",
         "moments one horizon apart with people in sight are exchangeable, a new one with those of "

@@ -50,7 +50,7 @@ class RecordedCourse:
     @cached_property
     def seen(self) -> BoolArray:
         """Who is seen at each row, (O, T): there now and one row before, as published."""
-        here = np.isfinite(self.recording.positions).all(axis=2)
+        here: BoolArray = np.asarray(np.isfinite(self.recording.positions).all(axis=2))
         return here & np.roll(here, 1, axis=1) & (np.arange(here.shape[1]) > 0)
 
     @cached_property

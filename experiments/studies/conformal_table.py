@@ -242,7 +242,7 @@ class ConformalTable(GridStudy):
     def pictures(self, result: Result) -> Pictures:
         """Draw collisions against arrivals of each set of starts."""
         scenes = self._scenes()
-        wanted = ALL if len(scenes) > 1 else scenes[0]
+        wanted = SYNTHETIC if scenes == (SYNTHETIC,) else ALL
         lines = [line for line in self.summary(result.rows) if line["scene"] == wanted]
         yield "conformal_table", draw(lines)
 

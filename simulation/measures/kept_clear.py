@@ -97,7 +97,7 @@ class KeptClear:
         names = [plan.tracked[o] for o in rows]
         others = [name for name in people if name not in plan.tracked]
         truth = np.array([people[name].at(times) for name in (*names, *others)])
-        there = np.isfinite(truth).all(axis=2)
+        there: BoolArray = np.asarray(np.isfinite(truth).all(axis=2), dtype=np.bool_)
         regions = _Regions.of(forecast, rows, steps, region, level)
         inside = regions.contain(truth)
         own = inside[np.arange(len(rows)), np.arange(len(rows))]

@@ -45,7 +45,7 @@ class Discounted(LevelPolicy):
     """
 
     reference: ClassVar[str] = "yan2018stochastic"
-    coverage: ClassVar[Coverage] = Coverage(
+    coverage: ClassVar[Coverage | None] = Coverage(
         Event.STEP,
         "1 - tail at the full steps, falling to 1 - final_tail at the last",
         "the forecast is right: its Gaussians are the distribution of the truth",

@@ -24,7 +24,7 @@ class Fixed(LevelPolicy):
         the highest collision risk.
     """
 
-    coverage: ClassVar[Coverage] = Coverage(
+    coverage: ClassVar[Coverage | None] = Coverage(
         Event.STEP,
         "1 - tail",
         "the forecast is right: its Gaussians are the distribution of the truth",

@@ -31,7 +31,7 @@ class Paper(SharedLevel):
 
     reference: ClassVar[str] = "schoeneberg2025trajectory"
 
-    coverage: ClassVar[Coverage] = Relaxed.coverage
+    coverage: ClassVar[Coverage | None] = Relaxed.coverage
 
     tail: float = 0.050012
     weight: float = 1.0

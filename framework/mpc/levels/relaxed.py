@@ -36,7 +36,7 @@ class Relaxed(SharedLevel):
     promise : whether tail is 1 - content, as in the paper, or the highest collision risk.
     """
 
-    coverage: ClassVar[Coverage] = Coverage(
+    coverage: ClassVar[Coverage | None] = Coverage(
         Event.STEP,
         "1 - tail where the level stays at its reference, else what the plan's level stands for",
         "the forecast is right: its Gaussians are the distribution of the truth",

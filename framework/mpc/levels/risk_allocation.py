@@ -49,7 +49,7 @@ class RiskAllocation(LevelPolicy):
     """
 
     reference: ClassVar[str] = "ono2008iterative"
-    coverage: ClassVar[Coverage] = Coverage(
+    coverage: ClassVar[Coverage | None] = Coverage(
         Event.PLAN,
         "at least 1 - tail",
         "the forecast is right at each step; independence is not needed",

@@ -112,7 +112,7 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
 
     name: ClassVar[str] = "obstacle"
     reference: ClassVar[str] = "degroot2023scenario"
-    coverage: ClassVar[Coverage] = Coverage(
+    coverage: ClassVar[Coverage | None] = Coverage(
         Event.PLAN,
         "at least 1 - Plan.risk, but for a share doubt of plans",
         "the forecast is right about the joint distribution of all people and steps",
