@@ -44,6 +44,9 @@ REASONS: dict[str, str] = {
         """,
     "which seeds a study plays, and how it reads a user's recordings": """
         ClosedLoopRisk: first_seed
+        FirstSight: first_seed
+        Guarantees: first_seed
+        ReactingCalibration: first_seed
         SceneFiles: dt
         """,
     "what a learnt policy was trained to see": """
