@@ -20,7 +20,9 @@ from .fitting import AS_GIVEN, fitted
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .prediction_data import PredictionData, SceneFiles
 
-SEEN = {"once": (1, 1), "twice": (2, 2), "three to seven": (3, 7), "eight or more": (8, np.inf)}
+SEEN: dict[str, tuple[float, float]] = {
+    "once": (1, 1), "twice": (2, 2), "three to seven": (3, 7), "eight or more": (8, np.inf),
+}  # fmt: skip
 """Class of people -> how often they have been seen, at least and at most."""
 EVERY = "all"
 """Name of all classes together."""
