@@ -68,7 +68,8 @@ class ConformalController(SampledController):
         self._weight = self._next
         now = seen.now[np.isfinite(seen.now).all(axis=1)]
         if len(now):
-            nearest = np.sqrt(np.sum((place - now) ** 2, axis=-1)).min()
+            with np.errstate(over="ignore"):  # a distance too large to square is infinite
+                nearest = np.sqrt(np.sum((place - now) ** 2, axis=-1)).min()
             self._next = max(LEAST, self._weight - self.rate * float(self.risk + nearest))
 
     def slowest(self, fastest: float) -> float:

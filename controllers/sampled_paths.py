@@ -278,7 +278,7 @@ class SampledController(Controller, ABC):
             WARNINGS.warn(type(self).__name__, "detection", words)
         if stamp < self._stamp:
             self.forget()
-        new = here is not None and np.isfinite(stamp) and stamp != self._stamp
+        new = here is not None and np.isfinite(stamp / self.period) and stamp != self._stamp
         if new:
             self._row = self._row + 1 if self.as_published else round(stamp / self.period)
         seen = self._people(observation)

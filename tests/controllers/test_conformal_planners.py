@@ -1,5 +1,6 @@
 """ACP, CC and ECP: the contract, each formula by hand, and the faults of the published code."""
 
+import re
 from functools import partial
 
 import numpy as np
@@ -133,6 +134,18 @@ def test_a_robot_without_an_allowed_path_stands_and_says_so(kind):
     assert made.reason == "none of 60 paths is allowed"
     made.command(seen_at(40.0))
     assert not made.reason
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("stamp", "x", "reason"), [(0.0, 1e200, r"holds 1e\+200"), (1.7e308, 0.0, "^$")]
+)
+def test_numbers_near_the_largest_do_not_overflow(kind, stamp, x, reason):
+    """An instant whose number is no float any more is not learnt from."""
+    made = ready(kind)
+    with np.errstate(over="raise"):
+        made.command(seen_at(stamp, person("a", 3.0, 0.0), state=(x, 0.0, 0.0, 0.0, 0.0)))
+    assert re.search(reason, made.reason)
 
 
 def test_acp_scores_and_alphas_by_hand():
