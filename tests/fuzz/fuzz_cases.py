@@ -19,7 +19,7 @@ import numpy as np
 
 from wideberth.experiments.engine.shipped_configs import CONFIGS, read_experiment, shipped
 from wideberth.framework.control.command_limits import broken_limit
-from wideberth.framework.controller import Controller
+from wideberth.framework.controller import Controller, DrivesRobot
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.predictor import Adaptive
@@ -163,13 +163,19 @@ def options(index: int, region: str, robot: str, solver: str, wall: str | None) 
     return settings | ({"static_region": wall} if wall else {})
 
 
+UNICYCLES = ("acp", "cc", "ecp", "fcp", "nav2")
+"""Rivals that drive no robot without a heading; all but the last want it to turn on the spot."""
+
+
 def rivals() -> list[dict[str, Any]]:
     """Return the other registered controllers, each with a robot that it drives."""
     flat = [name for name in names("robots") if "3d" not in name]
     found = []
     for index, name in enumerate(n for n in names("controllers") if n != "mpc"):
-        robot = "unicycle" if name == "nav2" else flat[index % len(flat)]  # it wants a heading
+        robot = "unicycle" if name in UNICYCLES else flat[index % len(flat)]
         one: dict[str, Any] = {"type": name, "robot": robot}
+        if name == "withdrawing":
+            one = {"type": name, "controller": {"type": "orca", "robot": robot}}
         if name == "policy":
             one["policy"] = "fuzz_cases:straight_on"
         found.append(one)
@@ -233,8 +239,8 @@ def controller(kind: str, index: int) -> Controller:
 
 def robot_of(made: Controller) -> Robot:
     """Return the robot of a registered controller: all of them have one."""
-    robot: Robot = vars(made)["robot"]
-    return robot
+    assert isinstance(made, DrivesRobot)
+    return made.robot
 
 
 def controller_case(kind: str, index: int, seed: int) -> Iterator[Call]:
