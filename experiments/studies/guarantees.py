@@ -96,10 +96,10 @@ class Guarantees(GridStudy):
     A planner promises an event (see `wideberth.framework.values.coverage.Event`) through its
     predictor or its level. For every plan, the regions that its forecast has at the level aimed at
     are held against the true positions at the plan's steps. A person is missed where they are
-    outside of their regions; a plan where any person is at any step; a field where any person,
-    newcomers too, is outside of the regions of all; an episode where any of its plans is; and a
+    outside of their regions; a plan where any person is at any step; a field where any
+    person is outside of the regions of all; an episode where any of its plans is; and a
     meeting where the plan, driven to its end, would touch a person. People whom the plan could
-    not know of count for the field alone. Regions count without the radii of robot and people,
+    not know of do not count. Regions count without the radii of robot and people,
     and as aimed at: where a level gave way the plan kept less.
 
     ``missed`` is the share missed of what the planner's own event counts, to be held against

@@ -56,8 +56,8 @@ class KeptClear:
     known : (O, N), whether it is known where the person was at the step.
     outside : (O, N), whether they were outside all regions of the modes of their forecast.
     radius : (O, N), m, of the disc as large as the regions of one person at one step.
-    uncovered : (N,), whether a person who was there, newcomers too, was outside the regions of
-        all people: where the distance to the nearest person was less than the plan reckoned with.
+    uncovered : (N,), whether a person with a forecast was outside the regions of all people:
+        where the distance to the nearest of them was less than the plan reckoned with.
     met : (O, N), whether they touched the robot, had it been where it was planned to be.
     newcomers : people who appeared while the plan lasted, of whom it could know nothing.
     """
@@ -101,14 +101,14 @@ class KeptClear:
         regions = _Regions.of(forecast, rows, steps, region, level)
         inside = regions.contain(truth)
         own = inside[np.arange(len(rows)), np.arange(len(rows))]
-        known = there[: len(rows)]
+        known, covered = there[: len(rows)], inside[: len(rows)].any(axis=1)
         apart = np.linalg.norm(truth[: len(rows)] - plan.positions[1 : steps + 1], axis=2)
         reach = radius + np.array([people[name].radius for name in names])
         return cls(
             known=known,
             outside=known & ~own,
             radius=regions.radius,
-            uncovered=np.asarray((there & ~inside.any(axis=1)).any(axis=0), dtype=np.bool_),
+            uncovered=np.asarray((known & ~covered).any(axis=0), dtype=np.bool_),
             met=known & (apart < reach[:, None]),
             newcomers=int(there[len(rows) :].any(axis=1).sum()),
         )
