@@ -10,11 +10,11 @@ from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import same_dimension
 from ..framework.values.arrays import Array, probability, whole
 from ..framework.values.coverage import Coverage, Event
-from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.forecast import Forecast, Scene, heeded
 from ..framework.values.tracks import Tracks
 from .calibrations.joint_plan import JointPlan
 from .core.assembly import refuse_adaptive
-from .core.calibration import Scales, heeded, known_scales, same_step, scaled, scored_in_time
+from .core.calibration import Scales, known_scales, same_step, scaled, scored_in_time
 from .core.history import IntArray
 from .kalman import Kalman
 

@@ -18,7 +18,7 @@ from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import Array, whole
 from ...framework.values.coverage import Coverage, Event
-from ...metrics.statistics import known_mean, ratio_interval
+from ...metrics.statistics import known_mean, ratio, ratio_interval
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.kept_clear import KeptClear, people_of
@@ -381,7 +381,7 @@ def _share(name: str, rows: list[Row], counted: str) -> Row:
     parts = np.array([column(some, f"{counted}_missed").sum() for some in blocks])
     wholes = np.array([column(some, counted).sum() for some in blocks])
     low, high = ratio_interval(parts, wholes)
-    share = float(parts.sum() / max(wholes.sum(), 1.0))
+    share = float(ratio(parts.sum(), wholes.sum()))
     return {name: share, f"{name}_low": low, f"{name}_high": high}
 
 

@@ -7,7 +7,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .arrays import Array, altered, checked, checked_covariance, positive, probability, settle
+from .arrays import (
+    Array,
+    BoolArray,
+    altered,
+    checked,
+    checked_covariance,
+    positive,
+    probability,
+    settle,
+)
 from .errors import WideberthError
 from .motion import Truth
 from .polygon import Polygon
@@ -89,6 +98,14 @@ def content_bound(size: int, tail: float) -> float:
 LIGHT = 0.01
 """Forecast modes of less weight than this are left out of plans, and named there; what judges
 forecasts as planners use them leaves them out too."""
+
+
+def heeded(weight: Array) -> BoolArray:
+    """Which modes plans heed, (O, M): those of a weight of `LIGHT` at least, and the heaviest."""
+    heaviest = weight.max(axis=1, keepdims=True, initial=0.0)
+    return np.asarray((weight >= LIGHT) | (weight == heaviest))
+
+
 JointSource: TypeAlias = Array | Callable[[], Array] | None
 """A joint covariance, (O, M, N*D, N*D), m^2, or what computes it when it is asked for."""
 

@@ -10,9 +10,9 @@ import numpy as np
 from ...framework.calibration import Calibration, CalibrationScores
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.windows import IntArray, Windows
-from ...framework.values.arrays import Array, BoolArray, checked, positive
+from ...framework.values.arrays import Array, checked, positive
 from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import LIGHT, Forecast, content_bound
+from ...framework.values.forecast import Forecast, content_bound, heeded
 from ...framework.values.tracks import Tracks
 from ...metrics.episode import SMALLEST, squared_mahalanobis
 from .assembly import more_modes
@@ -40,12 +40,6 @@ def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Arra
     square = squared_mahalanobis(mean, covariance, truth[:, None])
     some = heeded(weight)[..., None]
     return np.asarray(np.where(some, square, np.inf).min(axis=1, initial=np.inf))
-
-
-def heeded(weight: Array) -> BoolArray:
-    """Which modes plans heed, (O, M): those of a weight of `LIGHT` at least, and the heaviest."""
-    heaviest = weight.max(axis=1, keepdims=True, initial=0.0)
-    return np.asarray((weight >= LIGHT) | (weight == heaviest))
 
 
 def scaled(forecast: Forecast, known: Array, known_dt: float, tracks: Tracks) -> Forecast:

@@ -10,7 +10,7 @@ import numpy as np
 from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.region import Region
 from ...framework.values.arrays import Array, BoolArray
-from ...framework.values.forecast import LIGHT, Forecast, GaussianObstacle
+from ...framework.values.forecast import Forecast, GaussianObstacle, heeded
 from ...framework.values.plan import Plan
 from ..log.episode_log import Episode
 
@@ -160,11 +160,14 @@ class _Regions:
     ) -> "_Regions":
         """Return those of some obstacles, at the levels of so many."""
         mean, covariance = forecast.mean[rows, :, :steps], forecast.covariance[rows, :, :steps]
-        weight = forecast.weight[rows]
-        heeded = (weight >= LIGHT) | (weight == weight.max(axis=1, keepdims=True))
         numbers = region.parameters(GaussianObstacle(mean, covariance), np.zeros(mean.shape[:3]))
         levels = level.levels(region, steps, len(rows), mean.shape[-1]).T[:, None]
-        return cls(region, numbers, np.broadcast_to(levels, mean.shape[:3]), heeded[..., None])
+        return cls(
+            region,
+            numbers,
+            np.broadcast_to(levels, mean.shape[:3]),
+            heeded(forecast.weight[rows])[..., None],
+        )
 
     def contain(self, places: Array) -> BoolArray:
         """Whether each place is in a region of each obstacle, (P, N, D) -> (P, O, N)."""

@@ -180,8 +180,8 @@ def test_acp_radius_has_the_finite_sample_rank(alpha):
 
 @pytest.mark.parametrize(("alpha", "published", "mended"), [(-0.1, 0.6, 0.6), (1.2, 0.0, 0.0)])
 def test_acp_beyond_the_levels(alpha, published, mended):
-    for flag, wanted in ((True, published), (False, mended)):
-        made = ready(AdaptiveConformalPlanner, steps=1, as_published=flag)
+    for as_published, wanted in ((True, published), (False, mended)):
+        made = ready(AdaptiveConformalPlanner, steps=1, as_published=as_published)
         made._scores, made._alpha = [[0.2] * 20], np.array([alpha])
         assert made._quantile(0) == pytest.approx(wanted)
 

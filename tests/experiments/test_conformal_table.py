@@ -54,7 +54,7 @@ def test_least_hits_where_nothing_is_in_the_way():
 
 
 def test_a_person_on_the_goal_is_met_by_those_who_arrive():
-    """Within 0.6 m of the goal, at 1.107 m of whoever stands on it: the rows between are hits."""
+    """Who stands on the goal is hit from 1.107 m away to the arrival at 0.6 m."""
     course = standing((6.0, 0.0))
     found = least_hits(course, course.episode(1))
     # A robot that stays away has none; one that arrives crosses 0.507 m: 1 or 2 rows.

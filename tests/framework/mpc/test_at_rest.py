@@ -214,7 +214,7 @@ def successors(worlds: Sequence[World], count: int) -> tuple[int, int, int]:
 @pytest.mark.parametrize("solver", ["riccati", "fatrop", "ipopt"])
 @pytest.mark.parametrize("penalty", [None, 1e5])
 def test_a_plan_that_ends_well_is_followed_by_a_plan(solver: str, penalty: float | None) -> None:
-    """On forecasts that only shrink no successor is infeasible, whoever solves."""
+    """On forecasts that only shrink no successor is infeasible, with any solver."""
     seeds = range(4) if solver == "riccati" else range(1)
     worlds = [World(seed, solver=build("solvers", solver), penalty=penalty) for seed in seeds]
     ended, kept, _ = successors(worlds, 30)
