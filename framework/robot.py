@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 from .numerics.integration import runge_kutta
 from .values.arrays import Scalar, positive, whole
-from .values.footprint import Footprint
+from .values.footprint import Footprint, checked_footprint
 from .values.motion import Pose, Twist
 
 
@@ -33,6 +33,10 @@ class Bounds:
     def symmetric(*upper: float) -> "Bounds":
         """Limits -u <= value <= u."""
         return Bounds(tuple(-u for u in upper), upper)
+
+    def with_lower(self, index: int, lower: float) -> "Bounds":
+        """Return limits that have another lower one at one place."""
+        return Bounds((*self.lower[:index], lower, *self.lower[index + 1 :]), self.upper)
 
 
 class Robot(ABC):
@@ -129,6 +133,30 @@ class SpeedLimited(Protocol):
     @abstractmethod
     def max_speed(self) -> float:
         """Largest speed, m/s."""
+
+
+def checked_limits(name: str, robot: Robot) -> None:
+    """Refuse settings of a robot that drives ahead, called ``name``, which it cannot have.
+
+    All are numbers above 0, but for ``footprint``, see `checked_footprint`, and
+    ``max_reverse_speed``, see `least_speed`.
+
+    Raises
+    ------
+    WideberthError : it has one.
+    """
+    settings = vars(robot)
+    for key, value in settings.items():
+        if key not in ("footprint", "max_reverse_speed"):
+            positive(f"{name}.{key}", value)
+    checked_footprint(name, robot.footprint, robot.radius)
+    if (back := settings["max_reverse_speed"]) is not None:
+        positive(f"{name}.max_reverse_speed", back, zero=True, most=settings["max_speed"])
+
+
+def least_speed(max_speed: float, max_reverse_speed: float | None) -> float:
+    """Return the lower limit of the speed ahead, m/s: backwards without one as fast as ahead."""
+    return 0.0 - (max_speed if max_reverse_speed is None else max_reverse_speed)
 
 
 def start_state(

@@ -1,17 +1,17 @@
 """Kinematic bicycle: steering angle and steering rate are limited."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import atan2, copysign, pi
 from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.clipping import within
-from ..framework.robot import Bounds, Quantity, Robot
-from ..framework.values.arrays import Scalar, positive
+from ..framework.numerics.clipping import between, within
+from ..framework.robot import Bounds, Quantity, Robot, checked_limits, least_speed
+from ..framework.values.arrays import Scalar
 from ..framework.values.errors import WideberthError
-from ..framework.values.footprint import Footprint, checked_footprint
+from ..framework.values.footprint import Footprint
 from ..framework.values.motion import Pose, Twist
 
 
@@ -30,15 +30,17 @@ class Bicycle(Robot):
     ----------
     radius : m, of the disc around the rear axle's middle that encloses the robot.
     wheelbase : m.
-    max_speed : m/s, |v|; backwards too.
+    max_speed : m/s, |v|.
     max_steering : rad, |delta|, below pi/2.
     max_acceleration : m/s^2, |a|.
     max_steering_rate : rad/s, |rate|.
     footprint : several discs or a convex outline, within ``radius``; None for the disc itself.
+    max_reverse_speed : m/s, -v at most; 0 never backwards, None as fast as forwards.
 
     Raises
     ------
-    WideberthError : a parameter that is not above 0, or max_steering of pi/2 or more.
+    WideberthError : a parameter that is not above 0, a speed backwards beyond ``max_speed``, or
+        max_steering of pi/2 or more.
 
     Notes
     -----
@@ -71,12 +73,10 @@ class Bicycle(Robot):
     max_acceleration: float = 0.7
     max_steering_rate: float = 0.3
     footprint: Footprint | None = None
+    max_reverse_speed: float | None = None
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            if entry.name != "footprint":
-                positive(f"bicycle.{entry.name}", getattr(self, entry.name))
-        checked_footprint("bicycle", self.footprint, self.radius)
+        checked_limits("bicycle", self)
         if self.max_steering >= 0.5 * pi:
             raise WideberthError(
                 f"bicycle.max_steering is {self.max_steering:g} rad; wanted less than pi/2 "
@@ -91,7 +91,8 @@ class Bicycle(Robot):
 
     def state_bounds(self) -> Bounds:
         """Position and heading are free; speed and steering angle are limited."""
-        return Bounds.symmetric(np.inf, np.inf, np.inf, self.max_speed, self.max_steering)
+        symmetric = Bounds.symmetric(np.inf, np.inf, np.inf, self.max_speed, self.max_steering)
+        return symmetric.with_lower(3, self._least)
 
     def input_bounds(self) -> Bounds:
         """Limits of acceleration and steering rate."""
@@ -124,7 +125,7 @@ class Bicycle(Robot):
         The curvature wanted is omega / v of the twist; a yaw rate without speed is beyond
         this robot, and leaves the steering where it is when asked for standing still.
         """
-        v, omega = within(twist.linear[0], self.max_speed), twist.angular
+        v, omega = between(twist.linear[0], self._least, self.max_speed), twist.angular
         if v:  # atan(L omega / v), written so that a v next to 0 does not overflow
             delta = atan2(self.wheelbase * omega * copysign(1.0, v), abs(v))
         elif omega:
@@ -136,3 +137,7 @@ class Bicycle(Robot):
             within((v - state[3]) / duration, self.max_acceleration),
             within((delta - state[4]) / duration, self.max_steering_rate),
         )
+
+    @property
+    def _least(self) -> float:
+        return least_speed(self.max_speed, self.max_reverse_speed)

@@ -1,15 +1,15 @@
 """Differential drive: wheel speeds as states, wheel accelerations as inputs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.clipping import within
-from ..framework.robot import Bounds, Quantity, Robot
-from ..framework.values.arrays import Scalar, positive
-from ..framework.values.footprint import Footprint, checked_footprint
+from ..framework.numerics.clipping import between, within
+from ..framework.robot import Bounds, Quantity, Robot, checked_limits, least_speed
+from ..framework.values.arrays import Scalar
+from ..framework.values.footprint import Footprint
 from ..framework.values.motion import Pose, Twist
 
 
@@ -26,7 +26,8 @@ class DifferentialDrive(Robot):
 
     The wheel limits are boxes on l, r, l' and r'. They couple v and omega: at full speed
     straight on, turning is only possible by slowing the inner wheel. The body limits
-    |v| <= max_speed and so on are `constraints`.
+    |v| <= max_speed and so on are `constraints`: a wheel may turn backwards where the body may
+    not drive backwards.
 
     Parameters
     ----------
@@ -36,10 +37,11 @@ class DifferentialDrive(Robot):
     max_speed, max_yaw_rate, max_acceleration, max_yaw_acceleration : m/s, rad/s, m/s^2,
         rad/s^2, of the body.
     footprint : several discs or a convex outline, within ``radius``; None for the disc itself.
+    max_reverse_speed : m/s, -v at most, of the body; 0 never backwards, None as fast as forwards.
 
     Raises
     ------
-    WideberthError : a parameter that is not above 0.
+    WideberthError : a parameter that is not above 0, or a speed backwards beyond ``max_speed``.
 
     Notes
     -----
@@ -69,12 +71,10 @@ class DifferentialDrive(Robot):
     max_acceleration: float = 0.7
     max_yaw_acceleration: float = 0.1
     footprint: Footprint | None = None
+    max_reverse_speed: float | None = None
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            if entry.name != "footprint":
-                positive(f"differential_drive.{entry.name}", getattr(self, entry.name))
-        checked_footprint("differential_drive", self.footprint, self.radius)
+        checked_limits("differential_drive", self)
 
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Time derivative of the state."""
@@ -96,13 +96,17 @@ class DifferentialDrive(Robot):
         """Limits of the body: speed, yaw rate and their rates, each from both sides."""
         v, omega = self._body(state[3], state[4])
         a, alpha = self._body(control[0], control[1])
-        pairs = (
-            (v, self.max_speed),
-            (omega, self.max_yaw_rate),
-            (a, self.max_acceleration),
-            (alpha, self.max_yaw_acceleration),
+        sides = (
+            (v, -self._least, self.max_speed),
+            (omega, self.max_yaw_rate, self.max_yaw_rate),
+            (a, self.max_acceleration, self.max_acceleration),
+            (alpha, self.max_yaw_acceleration, self.max_yaw_acceleration),
         )
-        return tuple(limit + sign * value for value, limit in pairs for sign in (-1.0, 1.0))
+        return tuple(
+            limit + sign * value
+            for value, below, above in sides
+            for sign, limit in ((-1.0, above), (1.0, below))
+        )
 
     def pose(self, state: Sequence[Scalar]) -> Pose:
         """Position of the axle's middle, and heading."""
@@ -130,7 +134,7 @@ class DifferentialDrive(Robot):
         change in proportion: a straight line between two points of a convex set.
         """
         v, omega = self._body(state[3], state[4])
-        wanted_v = within(twist.linear[0], self.max_speed)
+        wanted_v = between(twist.linear[0], self._least, self.max_speed)
         wanted_omega = within(twist.angular, self.max_yaw_rate)
         fastest = max(abs(w) for w in self._wheels(wanted_v, wanted_omega))
         scale = min(1.0, self.max_wheel_speed / fastest) if fastest else 1.0
@@ -150,6 +154,10 @@ class DifferentialDrive(Robot):
         )
         share = min(1.0, *(limit / value for value, limit in ratios if value > limit), 1.0)
         return self._wheels(share * a, share * alpha)
+
+    @property
+    def _least(self) -> float:
+        return least_speed(self.max_speed, self.max_reverse_speed)
 
     def _allowed(self, state: Sequence[float], wheels: tuple[float, ...], duration: float) -> bool:
         after = (state[3] + duration * wheels[0], state[4] + duration * wheels[1])

@@ -1,15 +1,15 @@
 """The paper's robot: a unicycle driven by its two accelerations."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.clipping import within
-from ..framework.robot import Bounds, Quantity, SymbolicDrive
-from ..framework.values.arrays import Scalar, positive
-from ..framework.values.footprint import Footprint, checked_footprint
+from ..framework.numerics.clipping import between, within
+from ..framework.robot import Bounds, Quantity, SymbolicDrive, checked_limits, least_speed
+from ..framework.values.arrays import Scalar
+from ..framework.values.footprint import Footprint
 from ..framework.values.motion import Pose, Twist
 
 
@@ -30,15 +30,16 @@ class Unicycle(SymbolicDrive):
     max_acceleration : m/s^2, |a|.
     max_yaw_acceleration : rad/s^2, |alpha|.
     footprint : several discs or a convex outline, within ``radius``; None for the disc itself.
+    max_reverse_speed : m/s, -v at most; 0 never backwards, None as fast as forwards.
 
     Raises
     ------
-    WideberthError : a parameter that is not above 0.
+    WideberthError : a parameter that is not above 0, or a speed backwards beyond ``max_speed``.
 
     Notes
     -----
     Limits and radius are the paper's (section IV; r + r_d = 2 r = 1.5 m in section V), and
-    symmetric as there: the robot may drive backwards.
+    symmetric as there: the robot may drive backwards, unless ``max_reverse_speed`` is 0.
     """
 
     states: ClassVar[tuple[Quantity, ...]] = (
@@ -57,12 +58,10 @@ class Unicycle(SymbolicDrive):
     max_acceleration: float = 0.7
     max_yaw_acceleration: float = 0.1
     footprint: Footprint | None = None
+    max_reverse_speed: float | None = None
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            if entry.name != "footprint":
-                positive(f"unicycle.{entry.name}", getattr(self, entry.name))
-        checked_footprint("unicycle", self.footprint, self.radius)
+        checked_limits("unicycle", self)
 
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Time derivative of the state."""
@@ -71,7 +70,8 @@ class Unicycle(SymbolicDrive):
 
     def state_bounds(self) -> Bounds:
         """Position and heading are free; v and omega are limited."""
-        return Bounds.symmetric(np.inf, np.inf, np.inf, self.max_speed, self.max_yaw_rate)
+        symmetric = Bounds.symmetric(np.inf, np.inf, np.inf, self.max_speed, self.max_yaw_rate)
+        return symmetric.with_lower(3, self._least)
 
     def input_bounds(self) -> Bounds:
         """Limits of the two accelerations."""
@@ -95,9 +95,13 @@ class Unicycle(SymbolicDrive):
 
     def drive(self, state: Sequence[Scalar], twist: Twist, duration: float) -> tuple[Scalar, ...]:
         """Bring v and omega to the wanted twist, each as fast as its limit allows."""
-        v = within(twist.linear[0], self.max_speed)
+        v = between(twist.linear[0], self._least, self.max_speed)
         omega = within(twist.angular, self.max_yaw_rate)
         return (
             within((v - state[3]) / duration, self.max_acceleration),
             within((omega - state[4]) / duration, self.max_yaw_acceleration),
         )
+
+    @property
+    def _least(self) -> float:
+        return least_speed(self.max_speed, self.max_reverse_speed)

@@ -1,14 +1,14 @@
 """Unicycle with its velocities as input: the robot of many published comparisons."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.clipping import within
-from ..framework.robot import Bounds, Quantity, SymbolicDrive
-from ..framework.values.arrays import Scalar, positive
+from ..framework.numerics.clipping import between, within
+from ..framework.robot import Bounds, Quantity, SymbolicDrive, checked_limits, least_speed
+from ..framework.values.arrays import Scalar
 from ..framework.values.motion import Pose, Twist
 
 
@@ -30,10 +30,11 @@ class UnicycleVelocity(SymbolicDrive):
     radius : m, of the disc.
     max_speed : m/s, |v|.
     max_yaw_rate : rad/s, |omega|.
+    max_reverse_speed : m/s, -v at most; 0 never backwards, None as fast as forwards.
 
     Raises
     ------
-    WideberthError : a parameter that is not above 0.
+    WideberthError : a parameter that is not above 0, or a speed backwards beyond ``max_speed``.
     """
 
     states: ClassVar[tuple[Quantity, ...]] = (
@@ -46,10 +47,10 @@ class UnicycleVelocity(SymbolicDrive):
     radius: float = 0.4
     max_speed: float = 0.8
     max_yaw_rate: float = 0.7
+    max_reverse_speed: float | None = None
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            positive(f"unicycle_velocity.{entry.name}", getattr(self, entry.name))
+        checked_limits("unicycle_velocity", self)
 
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Time derivative of the state."""
@@ -61,7 +62,7 @@ class UnicycleVelocity(SymbolicDrive):
 
     def input_bounds(self) -> Bounds:
         """Limits of the two velocities."""
-        return Bounds.symmetric(self.max_speed, self.max_yaw_rate)
+        return Bounds.symmetric(self.max_speed, self.max_yaw_rate).with_lower(0, self._least)
 
     def pose(self, state: Sequence[Scalar]) -> Pose:
         """Position of the axle's middle, and heading."""
@@ -82,6 +83,10 @@ class UnicycleVelocity(SymbolicDrive):
     def drive(self, state: Sequence[Scalar], twist: Twist, duration: float) -> tuple[Scalar, ...]:
         """Return the wanted velocities within their limits; a lateral speed is dropped."""
         return (
-            within(twist.linear[0], self.max_speed),
+            between(twist.linear[0], self._least, self.max_speed),
             within(twist.angular, self.max_yaw_rate),
         )
+
+    @property
+    def _least(self) -> float:
+        return least_speed(self.max_speed, self.max_reverse_speed)

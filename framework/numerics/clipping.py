@@ -1,4 +1,4 @@
-"""Clipping of numbers and vectors to symmetric limits, in plain floats for speed."""
+"""Clipping of numbers and vectors to limits, in plain floats for speed."""
 
 from collections.abc import Sequence
 from math import hypot
@@ -10,9 +10,14 @@ from ..values.arrays import Scalar
 
 def within(value: Scalar, limit: float) -> Scalar:
     """Clip a number, or a CasADi expression, to [-limit, limit]."""
+    return between(value, -limit, limit)
+
+
+def between(value: Scalar, lower: float, upper: float) -> Scalar:
+    """Clip a number, or a CasADi expression, to [lower, upper]."""
     if isinstance(value, float):
-        return min(max(value, -limit), limit)
-    return np.fmin(np.fmax(value, -limit), limit)
+        return min(max(value, lower), upper)
+    return np.fmin(np.fmax(value, lower), upper)
 
 
 def within_norm(vector: Sequence[float], limit: float) -> tuple[float, ...]:

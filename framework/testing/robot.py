@@ -26,6 +26,8 @@ _HELD = 20
 """Steps of 50 ms that a wanted twist is held for when a drive has ended."""
 _DURATION = 0.5
 """s, of one step in which the way is measured."""
+_EXCESS = 1e3
+"""m/s and rad/s, more than any robot can do."""
 _SAMPLES = 40
 _REACH = 5.0
 """m (or rad): states without limits are drawn up to here."""
@@ -40,8 +42,9 @@ def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> Iter
     NumPy (one state or a batch) and CasADi agree; pose changes as twist says and twist as
     acceleration (central differences); `state_at` is the inverse of pose and twist; one
     Runge-Kutta step has order four; turning the start turns the motion; `drive` keeps every
-    limit and reaches twists that the robot can have; both also serve a robot that stands, if
-    its bounds let it stand. A `SymbolicDrive` drives alike with CasADi expressions.
+    limit, whatever is asked, and reaches twists that the robot can have; both also serve a robot
+    that stands, if its bounds let it stand. A `SymbolicDrive` drives alike with CasADi
+    expressions.
 
     Parameters
     ----------
@@ -248,15 +251,11 @@ class _Samples:
 
     def _check_drive(self, state: State, wanted: Twist) -> None:
         robot, goal = self.robot, _flat(wanted)
-        bounds, inputs = robot.state_bounds(), robot.input_bounds()
         held, reached = 0, self._twist(state, self.idle)
         for _ in range(800):
             control = tuple(map(float, robot.drive(state, wanted, _TICK)))
-            _assert_within("an input bound", control, inputs)
             state = self._moved(state, control, _TICK)
-            _assert_within("a state bound", state, bounds)
-            worst = min(map(float, robot.constraints(state, control)), default=0.0)
-            assert worst >= -1e-9, f"drive breaks a constraint by {-worst:.3g} at state {state}"
+            self._assert_kept(state, control)
             reached = self._twist(state, control)
             held = held + 1 if np.abs(reached - goal).max() < 1e-9 else 0
             if held == _HELD:
@@ -264,6 +263,31 @@ class _Samples:
         assert np.allclose(reached, goal, atol=1e-6), (
             f"drive ends at twist {reached} after 40 s; wanted {goal}"
         )
+
+    @law("drive stays within the limits whatever is asked")
+    def check_excess(self) -> None:
+        """Ask for far more than any robot can do, ahead and back, to the left and to the right."""
+        size = self.robot.dimension
+        for state, wanted in self.drives:
+            for sign in (-1.0, 1.0):
+                ahead = (sign * _EXCESS, *wanted.linear[1:])
+                for linear in (ahead, wanted.linear, (0.0,) * size):
+                    self._check_excess(state, Twist(linear, _EXCESS * sign))
+
+    def _check_excess(self, state: State, wanted: Twist) -> None:
+        robot = self.robot
+        for _ in range(_HELD):
+            control = tuple(map(float, robot.drive(state, wanted, _TICK)))
+            state = self._moved(state, control, _TICK)
+            self._assert_kept(state, control)
+
+    def _assert_kept(self, state: State, control: Control) -> None:
+        """Refuse a drive that left the limits."""
+        robot = self.robot
+        _assert_within("an input bound", control, robot.input_bounds())
+        _assert_within("a state bound", state, robot.state_bounds())
+        worst = min(map(float, robot.constraints(state, control)), default=0.0)
+        assert worst >= -1e-9, f"drive breaks a constraint by {-worst:.3g} at state {state}"
 
     @law("drive of CasADi expressions", SymbolicDrive, "it drives by numbers alone")
     def check_symbolic_drive(self) -> None:

@@ -23,7 +23,8 @@ from wideberth.tests.house.options import (
 
 REASONS: dict[str, str] = {
     "size, limit, error or name of a robot, a sensor or a person": """
-        Bicycle: max_acceleration max_steering max_steering_rate wheelbase
+        Bicycle: max_acceleration max_reverse_speed max_steering max_steering_rate wheelbase
+        DifferentialDrive: max_reverse_speed
         DoubleIntegrator: max_acceleration
         InertialUnit: acceleration_bias acceleration_deviation acceleration_walk
         InertialUnit: rate_bias rate_deviation rate_walk
@@ -31,6 +32,7 @@ REASONS: dict[str, str] = {
         MotionNoise: accelerometer accelerometer_bias gyro gyro_bias slip
         SensingPipeline: encoders imu
         Sensor: name
+        UnicycleVelocity: max_reverse_speed
         VectorAutoregression: max_speed
         Walker: radius
         WheelEncoders: ticks

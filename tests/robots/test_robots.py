@@ -7,6 +7,7 @@ from math import atan, cos, pi, sin, tan
 import numpy as np
 import pytest
 
+from wideberth.framework.control.command_limits import broken_limit, within_reach
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.robot import Bounds, step
@@ -33,6 +34,13 @@ ROBOTS = {name: robot_of(name) for name in sorted(BUILT_IN)} | {
     f"{name}, small": partial(robot_of(name), radius=0.2, max_speed=1.7)
     for name in sorted(BUILT_IN)
 }
+AHEAD = ("bicycle", "differential_drive", "unicycle", "unicycle_velocity")
+"""Robots with a speed ahead, and so with one backwards."""
+ROBOTS |= {
+    f"{name}, {back:g} m/s back": partial(robot_of(name), max_reverse_speed=back)
+    for name in AHEAD
+    for back in (0.0, 0.2)
+}
 CONTRACT = Contract(ROBOTS, check_robot.laws)
 
 
@@ -47,6 +55,42 @@ def test_bad_parameters_name_themselves(name):
         robot_of(name)(radius=-1.0)
     with pytest.raises(WideberthError, match=r"max_speed"):
         robot_of(name)(max_speed=0.0)
+
+
+@pytest.mark.parametrize("name", AHEAD)
+@pytest.mark.parametrize("back", [None, 0.0, 0.2])
+def test_a_robot_drives_backwards_as_fast_as_it_may(name, back):
+    """Asked for more it holds that; a command for more breaks its limits, and is cut to them."""
+    robot = robot_of(name)(max_reverse_speed=back)
+    least = -robot.max_speed if back is None else -back
+    state = robot.state_at(Pose((0.0, 0.0), 0.0), Twist((robot.max_speed, 0.0)))
+    for _ in range(100):
+        control = robot.drive(state, Twist((-9.0, 0.0)), 0.05)
+        state = step(robot, state, control, 0.05)
+    assert float(robot.twist(state, control).linear[0]) == pytest.approx(least, abs=1e-12)
+    assert broken_limit(robot, Command((least, 0.0))) == ""
+    beyond = Command((least - 0.1, 0.0))
+    assert "can do by 0.1" in broken_limit(robot, beyond)
+    assert within_reach(robot, beyond).linear[0] == pytest.approx(least, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", AHEAD)
+def test_no_limit_backwards_is_the_limit_ahead(name):
+    """To the last digit: results of before do not change."""
+    kind = robot_of(name)
+    plain, stated = kind(), kind(max_reverse_speed=kind().max_speed)
+    state, control = (0.1,) * len(kind.states), (0.05,) * len(kind.inputs)
+    for one in (plain, stated):
+        bounds = one.state_bounds(), one.input_bounds()
+        assert all(own.lower == tuple(-value for value in own.upper) for own in bounds)
+        assert one.constraints(state, control) == plain.constraints(state, control)
+
+
+@pytest.mark.parametrize("name", AHEAD)
+@pytest.mark.parametrize("back", [-0.1, 5.0, float("nan")])
+def test_absurd_speeds_backwards_are_refused(name, back):
+    with pytest.raises(WideberthError, match=rf"{name}.max_reverse_speed is"):
+        robot_of(name)(max_reverse_speed=back)
 
 
 def test_steering_in_degrees_is_refused():
@@ -247,3 +291,15 @@ def test_a_bicycle_turns_its_wheels_at_any_speed(speed: float) -> None:
     state = (0.0, 0.0, 0.0, 0.0, 0.0)
     rate = robot.drive(state, Twist((np.float64(speed), 0.0), 0.5), 1e3)[1]
     assert rate == pytest.approx(np.copysign(robot.max_steering, speed) / 1e3)
+
+
+def test_check_robot_finds_a_drive_that_backs_though_it_may_not(monkeypatch):
+    """Twists that the robot can have never ask for that, so that a law of its own is needed."""
+    symmetric = Unicycle()
+    monkeypatch.setattr(Unicycle, "drive", lambda self, *asked: UNBOUND(symmetric, *asked))
+    broken = [law for law, problem in findings(check_robot.laws(Unicycle(max_reverse_speed=0.0)))
+              if problem is not None]  # fmt: skip
+    assert [law.name for law in broken] == ["drive stays within the limits whatever is asked"]
+
+
+UNBOUND = Unicycle.drive
