@@ -190,7 +190,8 @@ class SampledController(Controller, ABC):
                 f"{name} drives robots that turn on the spot, in the plane; "
                 f"{type(self.robot).__name__} does not: take unicycle or differential_drive"
             )
-        self._limits = VelocityBox.of(self.robot).limits
+        box = VelocityBox.of(self.robot)
+        self._limits, self._least = box.limits, box.lower[0]
         self._path: Path | None = None
         self.reset()
 
@@ -258,12 +259,12 @@ class SampledController(Controller, ABC):
     def _drawn(self, pose: Array) -> SampledPaths:
         """Sample paths from a pose, the last decision's first."""
         rng, (fast, turn) = self._rng, self._limits
-        blocks = -(-self.steps // HOLD)
+        blocks, slow = -(-self.steps // HOLD), max(self.slowest(fast), self._least)
         drawn = np.empty((self.paths, blocks, 2), dtype=np.float32)
-        drawn[..., 0] = rng.uniform(self.slowest(fast), fast, size=(self.paths, blocks))
+        drawn[..., 0] = rng.uniform(slow, fast, size=(self.paths, blocks))
         drawn[..., 1] = rng.uniform(-turn, turn, size=(self.paths, blocks))
         if self._last is not None and self.as_published:
-            more = [rng.uniform(self.slowest(fast), fast), rng.uniform(-turn, turn)]
+            more = [rng.uniform(slow, fast), rng.uniform(-turn, turn)]
             drawn[0] = np.vstack([self._last[1:], more])[:blocks]
         velocities = np.repeat(drawn, HOLD, axis=1)[:, : self.steps]
         if self._last is not None and not self.as_published:
@@ -308,7 +309,10 @@ class SampledController(Controller, ABC):
 
     @abstractmethod
     def slowest(self, fastest: float) -> float:
-        """Return the lowest speed that is drawn, m/s, of a robot with this highest one."""
+        """Return the lowest speed that is drawn, m/s, of a robot with this highest one.
+
+        One that may not drive backwards as fast has its own lowest speed.
+        """
 
     @abstractmethod
     def forget(self) -> None:

@@ -50,9 +50,9 @@ def steer(robot: Robot, state: Array, velocity: Array, turn_gain: float = TURN_G
     drives no faster than v* in its own direction. The root is the yaw rate from which it can
     still stop turning in time, alpha its largest yaw acceleration; without it, robots that turn
     slowly would swing to and fro about v*. One that cannot turn on the spot has v = |v*| cos e,
-    backwards too, and at least `CRAWL` |v*| either way, since it turns only as it drives. Either
-    is brought into the limits of speed and yaw rate by ``robot.drive``; the acceleration is
-    limited by the robot itself (``ramp`` is 0).
+    backwards too if it may, and at least `CRAWL` |v*| either way, since it turns only as it
+    drives. Either is brought into the limits of speed and yaw rate by ``robot.drive``; the
+    acceleration is limited by the robot itself (``ramp`` is 0).
 
     Parameters
     ----------
@@ -74,8 +74,10 @@ def _turned(robot: Robot, state: Array, speed: float, error: float, gain: float)
     ahead = float(np.cos(error))
     if turns_on_the_spot(robot, state):
         ahead = max(ahead, 0.0)
-    else:
+    elif attained(robot, state, [Twist((-FAST, 0.0))])[0, 0] < 0.0:
         ahead = float(np.copysign(max(abs(ahead), CRAWL), ahead))
+    else:
+        ahead = max(ahead, CRAWL)
     return Twist((speed * ahead, 0.0), yaw_rate(robot, state, error, gain))
 
 

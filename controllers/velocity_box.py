@@ -24,9 +24,9 @@ SENSIBLE = 1e6
 class VelocityBox:
     """Actions of a policy: the components of a robot's velocity that it can change at all.
 
-    action_i = velocity_i / unit_i,    |action_i| <= limit_i / unit_i <= 1
+    action_i = velocity_i / unit_i,    lower_i / unit_i <= action_i <= upper_i / unit_i <= 1
 
-    The unit is the smallest power of two that is not below the limit (1 m/s for 0.7 m/s,
+    The unit is the smallest power of two that is not below the larger limit (1 m/s for 0.7 m/s,
     2 m/s for 1.2 m/s), so that actions are of the order of one and dividing and multiplying
     changes no digit: a command goes through an action unharmed. The box holds what bounds of
     state and input allow; what couples components (a norm, wheel speeds) is left to the
@@ -36,12 +36,13 @@ class VelocityBox:
     ----------
     dimension : D of the robot.
     components : which of (D linear components, yaw rate) an action has, in this order.
-    limits : of each of them, m/s or rad/s, on the absolute value.
+    lower, upper : of each of them, m/s or rad/s.
     """
 
     dimension: int
     components: tuple[int, ...]
-    limits: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
 
     @classmethod
     def of(cls, robot: Robot) -> "VelocityBox":
@@ -57,14 +58,21 @@ class VelocityBox:
         corners = tuple(np.array(list(product(*zip(lower, upper, strict=True)))).T)
         count = len(robot.states)
         twist = robot.twist(corners[:count], corners[count:])
-        largest = [float(np.abs(value).max()) for value in (*twist.linear, twist.angular)]
-        if max(largest) > SENSIBLE:
+        reached = [np.asarray(value) for value in (*twist.linear, twist.angular)]
+        limits = [(float(value.min()), float(value.max())) for value in reached]
+        if max(max(-low, high) for low, high in limits) > SENSIBLE:
             raise WideberthError(
                 f"{type(robot).__name__} has a velocity without limit; actions need bounds on "
                 "every component of the twist: give the robot finite state or input bounds"
             )
-        moving = [i for i, value in enumerate(largest) if value > 0.0]
-        return cls(robot.dimension, tuple(moving), tuple(largest[i] for i in moving))
+        moving = tuple(i for i, pair in enumerate(limits) if any(pair))
+        lowest, highest = (tuple(limits[i][k] for i in moving) for k in (0, 1))
+        return cls(robot.dimension, moving, lowest, highest)
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Of each component on the absolute value, m/s or rad/s."""
+        return tuple(max(-low, high) for low, high in zip(self.lower, self.upper, strict=True))
 
     @property
     def units(self) -> Array:
@@ -73,8 +81,13 @@ class VelocityBox:
 
     @property
     def high(self) -> Array:
-        """Largest actions, (A,); the smallest are their negatives."""
-        return np.asarray(np.array(self.limits) / self.units)
+        """Largest actions, (A,)."""
+        return np.asarray(np.array(self.upper) / self.units)
+
+    @property
+    def low(self) -> Array:
+        """Smallest actions, (A,)."""
+        return np.asarray(np.array(self.lower) / self.units)
 
     def command(self, action: ArrayLike) -> Command:
         """Return the velocity of an action, to be taken up at once, within the limits.
@@ -85,16 +98,14 @@ class VelocityBox:
         """
         asked = checked("action", action, (len(self.components),))
         values = np.zeros(self.dimension + 1)
-        limits = np.array(self.limits)
-        values[list(self.components)] = np.clip(asked * self.units, -limits, limits)
+        values[list(self.components)] = np.clip(asked * self.units, self.lower, self.upper)
         return Command(tuple(float(value) for value in values[:-1]), float(values[-1]))
 
     def action(self, twist: Twist | Command) -> Array:
         """Return the action of a velocity, cut off at the limits, (A,)."""
         angular = twist.omega if isinstance(twist, Command) else twist.angular
         values = np.array([*twist.linear, angular], dtype=np.float64)[list(self.components)]
-        limits = np.array(self.limits)
-        return np.asarray(np.clip(values, -limits, limits) / self.units)
+        return np.asarray(np.clip(values, self.lower, self.upper) / self.units)
 
 
 def _power_of_two(limit: float) -> float:

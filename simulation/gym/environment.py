@@ -165,8 +165,8 @@ class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
         self._reward: Reward = reward or CrowdNavReward()
         self.render_mode = render_mode
         self._actor = _ExternalCommand(PolicyObserver(self._robot, period, self._sight), period)
-        fastest = self._actor.view.box.high
-        self.action_space: gymnasium.Space[Array] = Box(-fastest, fastest, dtype=np.float64)
+        box = self._actor.view.box
+        self.action_space: gymnasium.Space[Array] = Box(box.low, box.high, dtype=np.float64)
         self.observation_space: gymnasium.Space[dict[str, Any]] = Dict(
             {
                 key: Box(low.astype(np.float32), high.astype(np.float32))

@@ -275,3 +275,10 @@ def test_ecp_as_published_drives_at_full_speed_or_stands():
             place = person("a", 12.0 - 0.2 * k, 0.1)
             found.add(round(made.command(seen_at(0.4 * k, place)).linear[0], 6))
         assert found == {0.0, 0.8} if flag else len(found - {0.0, 0.8}) > 3
+
+
+def test_no_path_is_drawn_that_drives_backwards_further_than_the_robot_may():
+    """Else what is driven is not what was held against people."""
+    made = AdaptiveConformalPlanner(Unicycle(0.4, 0.8, 0.7, 1e3, 1e3, max_reverse_speed=0.1))
+    speeds = made._drawn(np.zeros(3)).velocities[..., 0]
+    assert -0.1 <= speeds.min() < -0.09 and speeds.max() > 0.79

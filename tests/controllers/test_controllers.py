@@ -159,6 +159,8 @@ def test_steering_turns_before_it_drives():
     # A car turns only as it drives: back towards what is behind, at 0.3 of the speed at least.
     car = Bicycle()
     assert steer(car, state_of(car), np.array([-0.5, 0.0]), 2.0).linear[0] == pytest.approx(-0.5)
+    ahead = Bicycle(max_reverse_speed=0.0)  # which has to set off to turn at all
+    assert steer(ahead, state_of(ahead), np.array([-0.5, 0.1]), 2.0).linear[0] > 0.0
     beside = steer(car, state_of(car), np.array([1e-9, 0.5]), 2.0)
     assert beside.linear[0] == pytest.approx(0.15) and beside.omega > 0.0
     assert steer(robot, still, np.zeros(2), 2.0).omega == 0.0

@@ -58,6 +58,14 @@ def test_every_robot_has_a_box_that_its_drive_keeps(name):
         assert max(reached) == pytest.approx(limit) or name in ("bicycle", "differential_drive")
 
 
+def test_a_box_ends_where_the_robot_may_not_drive_backwards():
+    """An action for that stands still, and the actions that a policy may choose end there."""
+    box = VelocityBox.of(Unicycle(max_speed=1.0, max_yaw_rate=2.0, max_reverse_speed=0.25))
+    assert (box.low.tolist(), box.high.tolist()) == ([-0.25, -1.0], [1.0, 1.0])
+    assert box.command([-1.0, 0.5]) == Command((-0.25, 0.0), 1.0)
+    assert VelocityBox.of(Unicycle(max_reverse_speed=0.0)).command([-1.0, 0.0]).linear == (0, 0)
+
+
 def test_commands_go_through_actions_unharmed():
     rng = np.random.default_rng(0)
     box = VelocityBox.of(Unicycle(max_speed=1.37, max_yaw_rate=2.9))
