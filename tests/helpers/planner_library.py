@@ -18,6 +18,7 @@ import numpy as np
 from wideberth.experiments.cli.export import whole_planner
 from wideberth.framework.control.rate_limited_warnings import quiet
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.numerics.geometry import plane_turn
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import start_state
 from wideberth.framework.values.arrays import Array
@@ -209,6 +210,7 @@ class Scene:
     close : whether people start round the robot. late : whether detections have ages.
     odd : share of detections of which a number is of no use, or whose name is another's.
     period : s between decisions.
+    turned : rad, by which the robot looks away from its path at first.
     events : decision -> what becomes of its observation.
     """
 
@@ -218,6 +220,7 @@ class Scene:
     late: bool = False
     odd: float = 0.0
     period: float = 0.5
+    turned: float = 0.0
     events: Mapping[int, Callable[[Observation], Observation]] = field(default_factory=dict)
 
     def seen(self, rng: np.random.Generator) -> Iterator[tuple[Any, Any]]:
@@ -269,7 +272,7 @@ def driven(made: Planner, scene: Scene, seed: int, count: int) -> Drive:
     assert made.deadline is None
     made.reset()
     made.set_path(way)
-    along = way.direction(np.zeros(1))[0]
+    along = plane_turn(scene.turned) @ way.direction(np.zeros(1))[0]
     here = np.array(start_state(made.robot, way.points[0], along, 0.2)[0], float)
     remembered, ticks = [], []
     with quiet():

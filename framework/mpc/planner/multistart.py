@@ -11,7 +11,7 @@ from ...values.plan import Status
 from ..ocp.transcription import Guess
 from ..solver import Solution, enters, pressed
 from .instance import Instance
-from .starts import OTHERS, ReferenceGuess, Starts, other_starts, suited_each
+from .starts import OTHERS, ReferenceGuess, Starts, faces_away, other_starts, suited_each
 from .verify import Candidate, assess_each, entered
 from .watchdog import Budget, SolverRefused, SolverTimeout, WatchedSolver
 
@@ -78,7 +78,8 @@ class MultiStart:
     past it (less than `STUCK` of the way), and when its level gives way far (by `DEEP`); as long
     as it stays there else, ``along`` alone. In the way is what the reference enters at the level
     aimed at, or what makes the level give way. With nothing there, or where no region presses on
-    the plan, the problem is the tracking problem, and one start is enough.
+    the plan, the problem is the tracking problem, and one start is enough. Before a robot that
+    faces away from its reference, see `faces_away`, there is ``turn`` as well.
 
     The first solve may take all the time there is. The next one begins while as much is left as
     the longest took so far, since not every solver can be stopped. One that does not return in
@@ -169,6 +170,13 @@ class MultiStart:
         """Return the starts that this situation asks for."""
         if self.starts != "auto":
             return self.starts
+        found = self._past(instance, first, there, before)
+        return (*found, "turn") if faces_away(instance.robot, instance.parameters) else found
+
+    def _past(
+        self, instance: Instance, first: Candidate, there: bool, before: bool
+    ) -> Sequence[str]:
+        """Return the starts that ``auto`` tries for what is in the way."""
         if not first.optimal:
             return OTHERS
         if not there or (first.solution is not None and not pressed(first.solution)):

@@ -10,10 +10,12 @@ head-on, perfectly symmetric encounters these are 9, 11 and 15; with all of `OTH
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import atan2, copysign, cos, pi, sin
 from typing import Literal, TypeAlias, final
 
 import numpy as np
 
+from ...control.command_limits import FAST, attained, turns_on_the_spot
 from ...robot import Robot
 from ...values.arrays import Array
 from ...values.errors import WideberthError
@@ -26,6 +28,7 @@ from ..slots.base import SlotAssignment, with_auxiliaries_each
 from .instance import Instance
 from .rollout import (
     SWEEPS,
+    Held,
     RobotMotion,
     clip,
     drive_each,
@@ -46,7 +49,7 @@ WARM_WITHIN = 0.5
 """Share of a plan's step up to which its multipliers start the next solve, of solvers that take
 them (riccati). Later they are worth little."""
 
-NAMES = ("along", *SWEEPS)
+NAMES = ("along", "turn", *SWEEPS)
 """Every starting point that can be named."""
 
 
@@ -131,7 +134,8 @@ def other_starts(
     """Return further starting points for an instance, in the order of their names.
 
     ``along`` lies on the reference, through whatever stands there, which leaves the choice of
-    side to the solver. Every other holds a twist from x_0 on, see `rollout.sweep`, and is driven
+    side to the solver. ``turn`` turns on the spot until the robot looks along the path, and then
+    drives ahead. Every other holds a twist from x_0 on, see `rollout.sweep`, and is driven
     within the limits. A point equal to an earlier one is left out.
 
     Parameters
@@ -174,17 +178,68 @@ def _trajectories(
     """States (N + 1, n) and inputs (N, m) of each start, see `other_starts`."""
     pace = max(float(np.abs(parameters.speed).max()), 1e-3)
     moving, start = _under_way(robot, parameters, pace), parameters.initial
-    once = list(dict.fromkeys(names))
+    once, steps, dt = list(dict.fromkeys(names)), problem.horizon, problem.dt
+    held = [name for name in once if name in SWEEPS]
     manoeuvres = [
-        [(sweep(robot, start, name, pace, None if name == "coast" else moving), problem.horizon)]
-        for name in once
-        if name != "along"
+        [(sweep(robot, start, name, pace, None if name == "coast" else moving), steps)]
+        for name in held
     ]
-    found = steer_each(robot, start, manoeuvres, problem.dt)
+    found = dict(zip(held, steer_each(robot, start, manoeuvres, dt), strict=True))
     if "along" in once:
-        laid = laid or ReferenceGuess.along(robot, parameters, problem.dt)
-        found.insert(once.index("along"), (laid.states, laid.inputs(robot, problem.dt)))
-    return found
+        laid = laid or ReferenceGuess.along(robot, parameters, dt)
+        found["along"] = laid.states, laid.inputs(robot, dt)
+    if "turn" in once:
+        (found["turn"],) = steer_each(
+            robot, start, [_turn(robot, parameters, moving, steps, dt)], dt
+        )
+    return [found[name] for name in once]
+
+
+def faces_away(robot: Robot, parameters: Parameters) -> bool:
+    """Whether the reference lies behind a robot that may not drive backwards as fast as ahead.
+
+    One that stands so is stuck at a local optimum: to turn a little brings it no nearer, nor does
+    to drive ahead. Only a robot that turns on the spot counts, which knows a way out.
+    """
+    start = parameters.initial.tolist()
+    pose = robot.pose(start)
+    if pose.heading is None:
+        return False
+    steps, (ahead, left, *_) = len(parameters.reference), parameters.reference.sum(axis=0).tolist()
+    ahead, left = ahead - steps * pose.position[0], left - steps * pose.position[1]
+    if cos(pose.heading) * ahead + sin(pose.heading) * left >= 0.0:
+        return False
+    aside = (0.0,) * (robot.dimension - 1)
+    ends = [Twist((sign * FAST, *aside)) for sign in (1.0, -1.0)]
+    fastest, back = attained(robot, parameters.initial, ends)[:, 0]
+    return bool(-back < fastest) and turns_on_the_spot(robot, parameters.initial)
+
+
+def _turn(robot: Robot, parameters: Parameters, moving: Twist, steps: int, dt: float) -> Held:
+    """Return the twists of ``turn``: on the spot until it looks along the path, then ``moving``.
+
+    It begins to stop turning where its yaw rate, which falls as fast as it can, brings it there.
+    """
+    start, (ahead, left, *_) = parameters.initial, parameters.direction[0].tolist()
+    heading = robot.pose(tuple(start.tolist())).heading
+    if heading is None:
+        return [(moving, steps)]
+    missing = atan2(left, ahead) - heading
+    missing -= 2.0 * pi * round(missing / (2.0 * pi))
+    sign, still, none = (
+        copysign(1.0, missing),
+        (0.0,) * robot.dimension,
+        (0.0,) * len(robot.inputs),
+    )
+    spin = Twist(still, sign * FAST)
+    states, _ = steer(robot, start, spin, steps, dt)
+    turned = sign * (robot.pose(tuple(states.T)).heading - heading)
+    rates = sign * robot.twist(tuple(states.T), none).angular
+    opposite = attained(robot, start, [Twist(still, -sign * FAST)], dt)[0, -1]
+    slowing = abs(opposite - robot.twist(tuple(start), none).angular) / dt
+    there = rates * np.abs(rates) >= 2.0 * slowing * (abs(missing) - turned)
+    count = int(there.argmax()) if there.any() else steps
+    return [(spin, count), (moving, steps - count)]
 
 
 def _under_way(robot: Robot, parameters: Parameters, pace: float) -> Twist:

@@ -37,7 +37,7 @@ def asked(
     check = SimpleNamespace(
         robot=HolonomicVelocity(),
         last_inputs=np.zeros((20, 2)) if inputs else None,
-        parameters=SimpleNamespace(reference=TEN_METRES, target=3.0),
+        parameters=SimpleNamespace(initial=np.zeros(2), reference=TEN_METRES, target=3.0),
         problem=SimpleNamespace(shared=True, minimum=1.0),
     )
     attempts = MultiStart(None, starts, Budget(None, 0.0))

@@ -212,23 +212,32 @@ static int in_the_way(struct wideberth_planner *planner, const struct candidate 
 }
 
 static const int EVERY[] = {PLAN_ALONG, PLAN_LEFT, PLAN_RIGHT, PLAN_BACK_LEFT, PLAN_BACK_RIGHT,
-    PLAN_WAIT};
+    PLAN_WAIT, PLAN_TURN};
+static const int FIRST[] = {PLAN_ALONG, PLAN_TURN};
 
-/* The starts that this situation asks for; returns how many. */
-static int names_of(const struct wideberth_planner *planner, const struct candidate *first,
-    int there, int before, const int **names)
+/* How many of EVERY start are tried for what is in the way. */
+static int past(const struct wideberth_planner *planner, const struct candidate *first, int there,
+    int before)
 {
     const struct instance *instance = &planner->instance;
-    *names = EVERY;
-    if (!PLAN_STARTS_AUTO) {
-        *names = PLAN_STARTS;
-        return PLAN_STARTS_COUNT;
-    }
     if (!optimal(first)) return 6;
     if (!there || !pressed(planner, first)) return 0;
     if (!instance->last || !before || stuck(instance, first) || gives_way_far(instance, first))
         return 6;
     return 1;
+}
+
+/* The starts that this situation asks for; returns how many. */
+static int names_of(const struct wideberth_planner *planner, const struct candidate *first,
+    int there, int before, const int **names)
+{
+    int count;
+    *names = PLAN_STARTS_AUTO ? EVERY : PLAN_STARTS;
+    if (!PLAN_STARTS_AUTO) return PLAN_STARTS_COUNT;
+    count = past(planner, first, there, before);
+    if (!wb_faces_away(&planner->instance.problem)) return count;
+    if (count < 6) *names = FIRST + !count;
+    return count + 1;
 }
 
 static int same_states(const struct point *first, const struct point *second)
@@ -255,6 +264,9 @@ static int starts_of(struct wideberth_planner *planner, const struct point *firs
         struct point *one = &starts[found];
         if (names[k] == PLAN_ALONG) {
             *one = *laid;
+        } else if (names[k] == PLAN_TURN) {
+            const int turning = wb_turn(problem, twist);
+            wb_steer(problem->initial, twist, turning, moving, one->states, one->inputs);
         } else {
             wb_sweep(problem->initial, names[k], pace, names[k] == PLAN_COAST ? NULL : moving,
                 twist);

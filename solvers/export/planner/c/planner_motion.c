@@ -6,6 +6,7 @@
 #include <string.h>
 
 #define FAST 10.0      /* m/s and rad/s, asked of a robot that keeps its limits */
+#define BEYOND 1e3     /* the same, where its limits are looked for */
 #define ALLOWANCE 1e-3 /* by how much a command may be beyond a limit */
 
 typedef void kernel(int64_t, int64_t, const double *, int64_t, const double *, int64_t, double *,
@@ -45,6 +46,18 @@ void wb_next(const double *state, const double *input, double *next)
 static void state_at(const double *pose, const double *twist, double *state)
 {
     call(wideberth_kernel_plan_state_at, pose, 3, twist, 3, state);
+}
+
+/* The twist of a robot some time after the command of another one. */
+static void attained(kernel *drive, double duration, const double *state, const double *wanted,
+    double *twist)
+{
+    double input[NU], rates[NX], later[NX];
+    int r;
+    call(drive, state, NX, wanted, 3, input);
+    call(wideberth_kernel_plan_rates, state, NX, input, NU, rates);
+    for (r = 0; r < NX; r++) later[r] = state[r] + duration * rates[r];
+    wb_twist(later, input, twist);
 }
 
 void wb_follow(const double *start, double (*inputs)[NU], double (*states)[NX])
@@ -100,6 +113,52 @@ void wb_sweep(const double *start, int name, double speed, const double *now, do
     }
     if (name == PLAN_BACK_LEFT || name == PLAN_BACK_RIGHT) twist[0] = -speed, twist[1] = 0.0;
     twist[2] = sign * speed;
+}
+
+/* Whether the reference lies behind a robot that may not drive backwards as fast as ahead. */
+int wb_faces_away(const wideberth_problem *problem)
+{
+    static const double ENDS[3][3] = {{BEYOND, 0.0, 0.0}, {-BEYOND, 0.0, 0.0}, {0.0, 0.0, BEYOND}};
+    double here[3], way[2] = {0.0, 0.0}, found[3][3];
+    int i, r, k;
+    wb_pose(problem->initial, here);
+    for (i = 0; i < N; i++)
+        for (r = 0; r < 2; r++) way[r] += problem->reference[i][r];
+    for (r = 0; r < 2; r++) way[r] -= N * here[r];
+    if (cos(here[2]) * way[0] + sin(here[2]) * way[1] >= 0.0) return 0;
+    for (k = 0; k < 3; k++)
+        attained(wideberth_kernel_plan_drive_ever, PLAN_FOREVER, problem->initial, ENDS[k],
+            found[k]);
+    return -found[1][0] < found[0][0] && found[2][2] != 0.0;
+}
+
+/* The twist in which the robot turns on the spot until it looks along the path, and for how many
+ * steps: its yaw rate, which falls as fast as it can, then brings it there. */
+int wb_turn(const wideberth_problem *problem, double *spin)
+{
+    const double none[NU] = {0.0};
+    double states[N + 1][NX], inputs[N][NU], pose[3], twist[3], opposite[3], found[3];
+    double heading, missing, sign, slowing;
+    int k;
+    wb_pose(problem->initial, pose);
+    heading = pose[2];
+    missing = atan2(problem->direction[0][1], problem->direction[0][0]) - heading;
+    missing -= 2.0 * PI * rint(missing / (2.0 * PI));
+    sign = copysign(1.0, missing);
+    spin[0] = spin[1] = opposite[0] = opposite[1] = 0.0;
+    spin[2] = sign * BEYOND, opposite[2] = -spin[2];
+    wb_steer(problem->initial, spin, N, spin, states, inputs);
+    attained(wideberth_kernel_plan_drive, WIDEBERTH_DT, problem->initial, opposite, found);
+    wb_twist(problem->initial, none, twist);
+    slowing = fabs(found[2] - twist[2]) / WIDEBERTH_DT;
+    for (k = 0; k < N; k++) {
+        double turned, rate;
+        wb_pose(states[k], pose);
+        wb_twist(states[k], none, twist);
+        turned = sign * (pose[2] - heading), rate = sign * twist[2];
+        if (rate * fabs(rate) >= 2.0 * slowing * (fabs(missing) - turned)) break;
+    }
+    return k;
 }
 
 void wb_shift(double (*inputs)[NU], double share, double (*found)[NU])
@@ -232,18 +291,14 @@ static void within_reach(wideberth_command *command)
 {
     const double none[NX] = {0.0}, still[3] = {0.0, 0.0, 0.0}, wanted[3]
         = {command->linear[0], command->linear[1], command->omega};
-    double pose[3], rest[NX], input[NU], rates[NX], twist[3], ramp = command->ramp;
-    int r;
+    double pose[3], rest[NX], twist[3], ramp = command->ramp;
     if (!broken(command)) return;
     memset(command, 0, sizeof(*command));
     if (!(isfinite(wanted[0]) && isfinite(wanted[1]) && isfinite(wanted[2]) && isfinite(ramp)))
         return;
     wb_pose(none, pose);
     state_at(pose, still, rest);
-    call(wideberth_kernel_plan_drive_ever, rest, NX, wanted, 3, input);
-    call(wideberth_kernel_plan_rates, rest, NX, input, NU, rates);
-    for (r = 0; r < NX; r++) rest[r] += PLAN_FOREVER * rates[r];
-    wb_twist(rest, input, twist);
+    attained(wideberth_kernel_plan_drive_ever, PLAN_FOREVER, rest, wanted, twist);
     command->linear[0] = twist[0], command->linear[1] = twist[1], command->omega = twist[2];
     command->ramp = fmax(ramp, 0.0);
     if (broken(command)) memset(command, 0, sizeof(*command));

@@ -24,7 +24,7 @@ enum {
     CORNERS = WIDEBERTH_CORNERS,
     POINTS = WIDEBERTH_PATH_POINTS,
     ALL_WAYS = 19, /* to stop: straight on, and six ways out for three durations */
-    ALL_STARTS = 8 /* the last plan, and every other that can be named */
+    ALL_STARTS = 9 /* the last plan, and every other that can be named */
 };
 
 #define FARTHEST 1e9
@@ -128,6 +128,8 @@ void wb_shift(double (*inputs)[NU], double share, double (*found)[NU]);
 struct instance;
 
 /* States on the reference, and the inputs that bring each twist to the next. */
+int wb_faces_away(const wideberth_problem *problem);
+int wb_turn(const wideberth_problem *problem, double *spin);
 void wb_laid(const wideberth_problem *problem, double (*states)[NX], double (*inputs)[NU]);
 
 /* Ways to stop, straight on first; returns how many there are. */
