@@ -11,6 +11,7 @@ _NAMES = {
         Route RoutePlanner Scene StaticRegion Tracks Twist WideberthError Windows build
         cut_windows load load_plugin names recommended register resampled_tracks save_plugin
     """,
+    "wideberth.perception.identities": "Identities",
     "wideberth.routes.inflation": "Inflation",
     "wideberth.experiments.engine.result": "open_result",
 }

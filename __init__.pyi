@@ -44,6 +44,7 @@ from . import metrics as metrics
 from . import nav2 as nav2
 from . import people as people
 from . import perception as perception
+from .perception.identities import Identities as Identities
 from . import predictors as predictors
 from . import regions as regions
 from . import robots as robots
@@ -776,4 +777,4 @@ def load_plugin(path: str | _Path, room: _scenarios_name) -> _scenarios_base: ..
 def load_plugin(path: str | _Path, room: _experiments_name) -> _experiments_base: ...
 @_overload
 def load_plugin(path: str | _Path, room: str) -> _Any: ...
-__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin']
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Identities', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin']
