@@ -10,9 +10,11 @@ _NAMES = {
         Observation OccupancyGrid Outline Path Plan Polygon Pose Predictor Region Robot
         Route RoutePlanner Scene StaticRegion Tracks Twist WideberthError Windows build
         cut_windows load load_plugin names recommended register resampled_tracks save_plugin
+        walls_around walls_of_segments walls_of_shapes
     """,
     "wideberth.perception.identities": "Identities",
     "wideberth.routes.inflation": "Inflation",
+    "wideberth.routes.polygons": "convex_polygons grid_of_polygons",
     "wideberth.experiments.engine.result": "open_result",
 }
 """Module -> its names that are public here, which are imported on first use."""

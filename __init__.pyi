@@ -40,6 +40,9 @@ from .framework import recommended as recommended
 from .framework import register as register
 from .framework import resampled_tracks as resampled_tracks
 from .framework import save_plugin as save_plugin
+from .framework import walls_around as walls_around
+from .framework import walls_of_segments as walls_of_segments
+from .framework import walls_of_shapes as walls_of_shapes
 from . import metrics as metrics
 from . import nav2 as nav2
 from . import people as people
@@ -50,6 +53,8 @@ from . import regions as regions
 from . import robots as robots
 from . import routes as routes
 from .routes.inflation import Inflation as Inflation
+from .routes.polygons import convex_polygons as convex_polygons
+from .routes.polygons import grid_of_polygons as grid_of_polygons
 from . import simulation as simulation
 from . import solvers as solvers
 from pathlib import Path as _Path
@@ -777,4 +782,4 @@ def load_plugin(path: str | _Path, room: _scenarios_name) -> _scenarios_base: ..
 def load_plugin(path: str | _Path, room: _experiments_name) -> _experiments_base: ...
 @_overload
 def load_plugin(path: str | _Path, room: str) -> _Any: ...
-__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Identities', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin']
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Identities', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'convex_polygons', 'cut_windows', 'grid_of_polygons', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin', 'walls_around', 'walls_of_segments', 'walls_of_shapes']

@@ -15,6 +15,7 @@ _NAMES = {
     "values.path": "Path",
     "values.plan": "Plan",
     "values.polygon": "Polygon",
+    "values.walls": "walls_around walls_of_segments walls_of_shapes",
     "predictor": "Adaptive Fittable Predictor",
     "region": "Region",
     "plugins.registry": "load names register",

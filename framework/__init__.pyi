@@ -40,4 +40,7 @@ from .values.path import Path as Path
 from .values.plan import Plan as Plan
 from .values.polygon import Polygon as Polygon
 from .values.tracks import Tracks as Tracks
-__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'describe', 'load', 'load_plugin', 'names', 'read_config', 'recommended', 'register', 'resampled_tracks', 'save_plugin']
+from .values.walls import walls_around as walls_around
+from .values.walls import walls_of_segments as walls_of_segments
+from .values.walls import walls_of_shapes as walls_of_shapes
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'describe', 'load', 'load_plugin', 'names', 'read_config', 'recommended', 'register', 'resampled_tracks', 'save_plugin', 'walls_around', 'walls_of_segments', 'walls_of_shapes']

@@ -97,8 +97,8 @@ def grid_of_polygons(
     rows, columns = np.mgrid[: int(height), : int(width)]
     x, y = low[:, None, None] + resolution * (np.stack([columns, rows]) + 0.5)
     shapes = shapely.union_all([shapely.Polygon(one.points) for one in polygons])
-    with np.errstate(invalid="ignore"):  # NaN where there are none
-        taken = shapely.distance(shapely.points(x, y), shapes) <= resolution / np.sqrt(2.0)
+    shapely.prepare(shapes)  # a third of the time
+    taken = shapely.dwithin(shapes, shapely.points(x, y), resolution / np.sqrt(2.0))
     cells = np.where(taken, OCCUPIED_CELL, FREE_CELL)
     return OccupancyGrid(cells, resolution, (float(low[0]), float(low[1])))
 

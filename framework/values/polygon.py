@@ -12,7 +12,7 @@ from .errors import WideberthError
 
 MOST_CORNERS = 16
 """Vertices of the largest convex part that the MPC has room for."""
-_THIN = 1e-6
+THIN = 1e-6
 """m. What is thinner has no sides that a normal could be computed of."""
 _ANGLES = 32
 """Directions of either kind from which `best_direction` starts."""
@@ -268,27 +268,34 @@ def _check_simple(label: str, points: Array) -> None:
     if len(points) < 3:
         raise WideberthError(f"{label} holds {len(points)} points; wanted at least 3")
     length = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
-    if length.min() <= _THIN:
+    if length.min() <= THIN:
         where = int(length.argmin())
         raise WideberthError(
             f"{label}[{where}] repeats the vertex before it ({points[where].tolist()}); name each "
             "corner once, and the first not again at the end"
         )
-    hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(points)))
-    middle = points.mean(axis=0)
-    normals = edge_normals(hull - middle)  # the last one, of the repeated vertex, is zero
-    across = normals[normals.any(axis=1)] @ (points - middle).T
-    width = float(np.ptp(across, axis=1).min())
-    if width <= _THIN:
+    width = width_across(points)
+    if width <= THIN:
         raise WideberthError(
             f"{label} are {width:.3g} m across: they lie on a line; wanted an area wider than "
-            f"{_THIN:g} m"
+            f"{THIN:g} m"
         )
     if not shapely.is_valid(outline := shapely.Polygon(points)):
         raise WideberthError(
             f"{label} cross or touch themselves ({shapely.is_valid_reason(outline)}); wanted a "
             "simple polygon: reorder the vertices or give two polygons"
         )
+
+
+def width_across(points: Array) -> float:
+    """Return the least distance of two parallel lines between which points (V, 2) lie, m."""
+    import shapely
+
+    hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(points)))
+    middle = points.mean(axis=0)
+    normals = edge_normals(hull - middle)  # the last one, of the repeated vertex, is zero
+    across = normals[normals.any(axis=1)] @ (points - middle).T
+    return float(np.ptp(across, axis=1).min())
 
 
 _FLAT = 1e-10

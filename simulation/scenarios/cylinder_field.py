@@ -10,6 +10,7 @@ from ...framework.values.arrays import BoolArray, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
+from ...framework.values.walls import box
 from .base import Cast, Placement, Scenario
 from .furnished import Furnished
 
@@ -154,15 +155,11 @@ def corridor() -> tuple[Polygon, ...]:
     left, right = -BEFORE - AROUND, CELLS * SIDE + BEHIND + AROUND
     high = 0.5 * CELLS * SIDE
     return (
-        _box(left - SIDE, right + SIDE, high, high + SIDE, "left wall"),
-        _box(left - SIDE, right + SIDE, -high - SIDE, -high, "right wall"),
-        _box(left - SIDE, left, -high, high, "wall behind the start"),
-        _box(right, right + SIDE, -high, high, "wall behind the goal"),
+        box((left - SIDE, high), (right + SIDE, high + SIDE), "left wall"),
+        box((left - SIDE, -high - SIDE), (right + SIDE, -high), "right wall"),
+        box((left - SIDE, -high), (left, high), "wall behind the start"),
+        box((right, -high), (right + SIDE, high), "wall behind the goal"),
     )
-
-
-def _box(left: float, right: float, low: float, high: float, name: str) -> Polygon:
-    return Polygon(((left, low), (right, low), (right, high), (left, high)), name)
 
 
 def rectangles(cells: BoolArray) -> tuple[Polygon, ...]:
@@ -181,5 +178,6 @@ def rectangles(cells: BoolArray) -> tuple[Polygon, ...]:
             last += 1
         low, high = (SIDE * (float(at) - 0.5 * CELLS) for at in (row, last))
         name = f"pillar {len(found)}"
-        found.append(_box(SIDE * float(column), SIDE * float(end), low, high, name))
+        near, far = SIDE * float(column), SIDE * float(end)
+        found.append(box((near, low), (far, high), name))
     return tuple(found)

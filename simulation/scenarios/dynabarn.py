@@ -11,11 +11,11 @@ import numpy as np
 from ...framework.values.arrays import Array, checked_choice, whole
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
+from ...framework.values.walls import box
 from ...metrics.gaps import gaps, wall_gaps
 from ..engine.agents import ReplayAgent
 from ..log.episode_log import Episode
 from .base import Cast, Placement, Scenario
-from .placing import box
 
 Tier: TypeAlias = Literal["all", "easy", "medium", "hard"]
 

@@ -7,6 +7,7 @@ import numpy as np
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon, separation
+from ...framework.values.walls import box
 
 DRAWS = 1000
 """Tries to place one body before the ranges are said to leave no room."""
@@ -50,12 +51,6 @@ def wall_distance(place: Array, polygons: Sequence[Polygon]) -> float:
         for part in polygon.parts:
             nearest = min(nearest, float(separation(place[None], part)[0]))
     return nearest
-
-
-def box(low: tuple[float, float], high: tuple[float, float], name: str) -> Polygon:
-    """Return the rectangle between two corners, m."""
-    (left, below), (right, above) = low, high
-    return Polygon(((left, below), (right, below), (right, above), (left, above)), name)
 
 
 def corridor_walls(

@@ -7,6 +7,7 @@ import pytest
 
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
+from wideberth.framework.values.walls import box
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.engine.agents import PathChange, ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode
@@ -14,7 +15,6 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.measures.episode_measures import measures
 from wideberth.simulation.measures.summary import clearances, summarise
-from wideberth.simulation.scenarios.placing import box
 from wideberth.simulation.sensing.channel import Channel
 from wideberth.tests.helpers.straight import Straight
 

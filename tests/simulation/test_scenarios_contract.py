@@ -11,6 +11,7 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot
 from wideberth.framework.testing.laws import Law
 from wideberth.framework.values.path import Path
+from wideberth.framework.values.walls import box
 from wideberth.simulation.engine.agents import Bystander, ReplayAgent, ScriptedAgent
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.measures.summary import summarise
@@ -19,7 +20,6 @@ from wideberth.simulation.scenarios.antipodal_swap import AntipodalSwap
 from wideberth.simulation.scenarios.base import Placement, Scenario
 from wideberth.simulation.scenarios.checking import check_scenario
 from wideberth.simulation.scenarios.overtaking import Overtaking
-from wideberth.simulation.scenarios.placing import box
 from wideberth.simulation.sensing.channel import Channel
 
 RECORDED = {"start": [-9.0, 0.0, 0.0], "goal": [9.0, 0.0], "rows": [10, 30]}

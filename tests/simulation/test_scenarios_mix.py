@@ -9,13 +9,14 @@ from wideberth.controllers.moussaid_force import MoussaidForce
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
+from wideberth.framework.values.walls import box
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.scenarios.corridor import Corridor
 from wideberth.simulation.scenarios.crowd_mix import CrowdMix, individual, mix_of
 from wideberth.simulation.scenarios.hallway import head_start
-from wideberth.simulation.scenarios.placing import apart, box, draw_place, wall_distance
+from wideberth.simulation.scenarios.placing import apart, draw_place, wall_distance
 
 WAY = Path(np.array([[0.0, 0.0], [10.0, 0.0]]))
 DISC = HolonomicVelocity(radius=0.3)
