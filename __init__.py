@@ -15,6 +15,7 @@ _NAMES = {
     "wideberth.perception.identities": "Identities",
     "wideberth.routes.inflation": "Inflation",
     "wideberth.routes.polygons": "convex_polygons grid_of_polygons",
+    "wideberth.routes.rerouting": "Rerouting",
     "wideberth.experiments.engine.result": "open_result",
 }
 """Module -> its names that are public here, which are imported on first use."""

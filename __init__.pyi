@@ -55,6 +55,7 @@ from . import routes as routes
 from .routes.inflation import Inflation as Inflation
 from .routes.polygons import convex_polygons as convex_polygons
 from .routes.polygons import grid_of_polygons as grid_of_polygons
+from .routes.rerouting import Rerouting as Rerouting
 from . import simulation as simulation
 from . import solvers as solvers
 from pathlib import Path as _Path
@@ -782,4 +783,4 @@ def load_plugin(path: str | _Path, room: _scenarios_name) -> _scenarios_base: ..
 def load_plugin(path: str | _Path, room: _experiments_name) -> _experiments_base: ...
 @_overload
 def load_plugin(path: str | _Path, room: str) -> _Any: ...
-__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Identities', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'convex_polygons', 'cut_windows', 'grid_of_polygons', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin', 'walls_around', 'walls_of_segments', 'walls_of_shapes']
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Identities', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Rerouting', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'convex_polygons', 'cut_windows', 'grid_of_polygons', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin', 'walls_around', 'walls_of_segments', 'walls_of_shapes']

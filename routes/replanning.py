@@ -109,7 +109,10 @@ def is_blocked(path: Path, costmap: Costmap, position: ArrayLike) -> bool:
     here = checked("position", position, (2,), finite=False)
     if not np.isfinite(here).all():
         return False
-    begin = path.project(here)
-    rest = path.points[path.arc > begin]
-    steps = np.concatenate([path.at(np.array([begin])), rest])
-    return bool(costmap.blocked_steps(steps).any())
+    return bool(costmap.blocked_steps(rest_of(path, here)).any())
+
+
+def rest_of(path: Path, position: Array) -> Array:
+    """Return the points of a path from the one nearest to a position, (2,) m, on: (P, 2), m."""
+    begin = path.project(position)
+    return np.concatenate([path.at(np.array([begin])), path.points[path.arc > begin]])
