@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from wideberth import OccupancyGrid, WideberthError
 from wideberth.framework.values.polygon import MOST_CORNERS, Polygon
+from wideberth.framework.values.walls import box
 from wideberth.routes.polygons import convex_polygons, grid_of_polygons, outlines
 
 
@@ -149,3 +150,17 @@ def test_the_way_back_covers_the_polygons_and_no_more_than_a_cell_around_them(
         np.array(grid.origin) + resolution * np.array(grid.cells.shape[::-1]),
     )
     assert low == pytest.approx([-2.5, 2.5]) and (high >= corner[0] + 0.5 - 1e-9).all()
+
+
+def test_cells_near_polygons_are_those_that_a_distance_finds() -> None:
+    rng = np.random.default_rng(0)
+    for digits in (1, 9):  # on the corners of cells, and anywhere
+        low = rng.uniform(0.0, 9.0, (12, 2)).round(digits)
+        high = low + rng.uniform(0.2, 3.0, (12, 2)).round(digits)
+        walls = [box(tuple(a), tuple(b)) for a, b in zip(low, high, strict=True)]
+        grid = grid_of_polygons(walls, low[:1], 0.5, 0.1)
+        my, mx = np.indices(grid.cells.shape)
+        together = shapely.union_all([shapely.Polygon(one.points) for one in walls])
+        centres = grid.map_to_world(np.stack([mx, my], axis=-1))
+        away = shapely.distance(shapely.points(centres), together)
+        np.testing.assert_array_equal(grid.cells == 100, away <= 0.1 / np.sqrt(2.0))
