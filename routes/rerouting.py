@@ -54,9 +54,10 @@ class Rerouting:
     to them is moved by up to the radius. Where there is no way with any clearance, the leg is
     straight, and the reason of the route says so.
 
-    A route is planned anew for other waypoints, and where a person who has stood for ``patience``
-    s leaves less than the radius beside the rest of the path. People who stand are then obstacles
-    like walls. If there is no other way, the old route stays; the next attempt follows after
+    A route is planned anew for other waypoints, where a person who has stood for ``patience`` s
+    leaves less than the radius beside the rest of the path, and where the robot has come farther
+    than its radius from the path: a wall may be between. People who stand are then obstacles like
+    walls. If there is no other way, the old route stays; the next attempt follows after
     ``patience`` s.
 
     Parameters
@@ -133,7 +134,7 @@ class Rerouting:
             self._route, self._waypoints = self._planned(here, targets, [])[0], targets
             self._tried = -np.inf
         since = time - self._tried
-        if not 0.0 <= since < self.patience and self._blocked(self._route.path, here, standing):
+        if not 0.0 <= since < self.patience and self._left(self._route.path, here, standing):
             self._tried = time
             found, whole = self._planned(here, targets, standing)
             self._route = found if whole else self._route
@@ -152,17 +153,19 @@ class Rerouting:
         self._stays = stays
         return [stay for stay in stays.values() if time - stay.since >= self.patience]
 
-    def _blocked(self, path: Path | None, here: Array, standing: list[_Stay]) -> bool:
-        """Tell whether the rest of a path leads into people."""
+    def _left(self, path: Path | None, here: Array, standing: list[_Stay]) -> bool:
+        """Tell whether the robot has left a path, or the rest of it leads into people."""
         import shapely
 
-        if path is None or not standing:
+        if path is None:
             return False
         ahead = rest_of(path, here)
         line = shapely.LineString(ahead) if len(ahead) > 1 else shapely.Point(*ahead)
-        gaps = shapely.distance(line, shapely.points([stay.place for stay in standing]))
-        room = self.radius + np.array([stay.radius for stay in standing])
-        return bool((gaps < room).any())
+        if shapely.distance(line, shapely.Point(here)) > self.radius:
+            return True
+        rooms = (self.radius + stay.radius for stay in standing)
+        gaps = (shapely.distance(line, shapely.Point(stay.place)) for stay in standing)
+        return any(gap < room for gap, room in zip(gaps, rooms, strict=True))
 
     def _planned(self, here: Array, targets: Array, standing: list[_Stay]) -> tuple[Route, bool]:
         """Return the route through waypoints, and whether there is a way on all of its legs."""

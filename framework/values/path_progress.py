@@ -40,14 +40,16 @@ class PathProgress:
         """Return the progress at a place, and the arc length of the nearest path point, m.
 
         The search reaches as far as the robot may have come since the last call, so that a
-        path that crosses itself or comes back is not cut short. At first all of it is
-        searched, and its earliest stretch preferred.
+        path that crosses itself or comes back is not cut short; from beside the path it reaches
+        twice that distance farther ahead, else a robot that has cut a corner would never be past
+        it. At first all of it is searched, and its earliest stretch preferred.
         """
         if self.last is None:
             arc = self.path.project(place, early=EARLY)
         else:
             before, where = self.last
             reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
-            low = max(before - reach, 0.0)
-            arc = self.path.project(place, start=low, window=before + reach - low)
+            beside = float(np.linalg.norm(where - self.path.at(np.array([before]))[0]))
+            low, high = max(before - reach, 0.0), before + reach + 2.0 * beside
+            arc = self.path.project(place, start=low, window=high - low)
         return PathProgress(self.path, (arc, place)), arc

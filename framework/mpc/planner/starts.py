@@ -196,7 +196,7 @@ def _trajectories(
 
 
 def faces_away(robot: Robot, parameters: Parameters) -> bool:
-    """Whether the reference lies behind a robot that may not drive backwards as fast as ahead.
+    """Whether the reference lies or begins behind a robot that drives backwards less fast.
 
     One that stands so is stuck at a local optimum: to turn a little brings it no nearer, nor does
     to drive ahead. Only a robot that turns on the spot counts, which knows a way out.
@@ -207,7 +207,9 @@ def faces_away(robot: Robot, parameters: Parameters) -> bool:
         return False
     steps, (ahead, left, *_) = len(parameters.reference), parameters.reference.sum(axis=0).tolist()
     ahead, left = ahead - steps * pose.position[0], left - steps * pose.position[1]
-    if cos(pose.heading) * ahead + sin(pose.heading) * left >= 0.0:
+    look = cos(pose.heading), sin(pose.heading)
+    begins = parameters.direction[0].tolist()
+    if min(look[0] * x + look[1] * y for x, y in ((ahead, left), begins[:2])) >= 0.0:
         return False
     aside = (0.0,) * (robot.dimension - 1)
     ends = [Twist((sign * FAST, *aside)) for sign in (1.0, -1.0)]

@@ -115,7 +115,7 @@ void wb_sweep(const double *start, int name, double speed, const double *now, do
     twist[2] = sign * speed;
 }
 
-/* Whether the reference lies behind a robot that may not drive backwards as fast as ahead. */
+/* Whether the reference lies or begins behind a robot that drives backwards less fast. */
 int wb_faces_away(const wideberth_problem *problem)
 {
     static const double ENDS[3][3] = {{BEYOND, 0.0, 0.0}, {-BEYOND, 0.0, 0.0}, {0.0, 0.0, BEYOND}};
@@ -125,7 +125,9 @@ int wb_faces_away(const wideberth_problem *problem)
     for (i = 0; i < N; i++)
         for (r = 0; r < 2; r++) way[r] += problem->reference[i][r];
     for (r = 0; r < 2; r++) way[r] -= N * here[r];
-    if (cos(here[2]) * way[0] + sin(here[2]) * way[1] >= 0.0) return 0;
+    if (cos(here[2]) * way[0] + sin(here[2]) * way[1] >= 0.0 &&
+        cos(here[2]) * problem->direction[0][0] + sin(here[2]) * problem->direction[0][1] >= 0.0)
+        return 0;
     for (k = 0; k < 3; k++)
         attained(wideberth_kernel_plan_drive_ever, PLAN_FOREVER, problem->initial, ENDS[k],
             found[k]);

@@ -232,8 +232,8 @@ struct scratch {
 struct path {
     int count;
     double at[POINTS][2], arc[POINTS];
-    int begun; /* whether `last` and `where` are known */
-    double last, where[2];
+    int begun; /* whether the others are known */
+    double last, where[2], beside; /* the last arc length, for which place, and how far from it */
 };
 
 struct wideberth_planner {

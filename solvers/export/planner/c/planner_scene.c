@@ -20,9 +20,10 @@ static double length_of(const double *first, const double *second)
 /* ---- The path */
 
 /* Arc length of the nearest point from `start` on, within a window; the first stretch is taken
- * whose nearest point is no more than `early` farther off than the nearest of all. */
+ * whose nearest point is no more than `early` farther off than the nearest of all. `beside` is how
+ * far off it is. */
 static double project(const struct path *path, const double *place, double start, double window,
-    double early)
+    double early, double *beside)
 {
     double nearest = INFINITY, found = 0.0;
     int turn, k;
@@ -42,7 +43,7 @@ static double project(const struct path *path, const double *place, double start
             if (reach < start - 1e-12 || reach > start + window + 1e-12) away = INFINITY;
             if (turn == 0) nearest = fmin(nearest, away);
             if (turn == 0 || !(away <= nearest + early)) continue;
-            found = reach;
+            found = reach, *beside = away;
             return fmin(fmax(found, 0.0), path->arc[path->count - 1]);
         }
     }
@@ -53,11 +54,12 @@ double wb_advanced(struct path *path, const double *place)
 {
     double arc;
     if (!path->begun) {
-        arc = project(path, place, 0.0, INFINITY, EARLY);
+        arc = project(path, place, 0.0, INFINITY, EARLY, &path->beside);
     } else {
         const double reach = EARLY + 2.0 * length_of(path->where, place);
         const double low = fmax(path->last - reach, 0.0);
-        arc = project(path, place, low, path->last + reach - low, 0.0);
+        const double high = path->last + reach + 2.0 * path->beside;
+        arc = project(path, place, low, high - low, 0.0, &path->beside);
     }
     path->begun = 1, path->last = arc;
     memcpy(path->where, place, sizeof(path->where));

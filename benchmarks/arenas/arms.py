@@ -1,0 +1,135 @@
+"""Rows of episodes of several arms, compared case by case."""
+
+import csv
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wideberth.metrics.statistics import clopper_pearson, mcnemar
+
+Row = dict[str, Any]
+Cases = Mapping[tuple[str, int], Row]
+"""Rows of one arm by scenario and seed."""
+
+
+def write(file: Path, row: Row) -> None:
+    """Write a row whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(f".{os.getpid()}.part")
+    part.write_text(json.dumps(row) + "\n", encoding="utf-8")
+    part.replace(file)
+
+
+def read(folder: Path, seeds: Iterable[int]) -> dict[str, dict[tuple[str, int], Row]]:
+    """Read the rows of each arm, those with one of some seeds."""
+    wanted, found = set(seeds), dict[str, dict[tuple[str, int], Row]]()
+    for file in sorted(folder.glob("*/*.json")):
+        row = json.loads(file.read_text(encoding="utf-8"))
+        if row["seed"] in wanted:
+            found.setdefault(row["arm"], {})[row["scenario"], row["seed"]] = row
+    return found
+
+
+def counts(arms: Mapping[str, Cases]) -> list[Row]:
+    """One row per arm: how its episodes end, and how long those take that succeed."""
+    table = []
+    for arm, cases in arms.items():
+        rows = list(cases.values())
+        hits = [row for row in rows if row["outcome"] == "collision"]
+        started = sum(row["begins_in_contact"] for row in hits)
+        moving = [row["collided_with"] for row in hits if not row["begins_in_contact"]]
+        done = [row for row in rows if row["outcome"] == "success"]
+        low, high = clopper_pearson(len(done), len(rows))
+        table.append(
+            {
+                "arm": arm,
+                "episodes": len(rows),
+                "success": len(done),
+                "share": f"{len(done) / len(rows):.3f} [{low:.3f}, {high:.3f}]",
+                "begin in contact": started,
+                "hit a wall": moving.count("wall"),
+                "hit a person": moving.count("person"),
+                "timeout": len(rows) - len(done) - len(hits),
+                "time_s": mean(row["time_s"] for row in done),
+                "decision_ms": mean(row["decision_ms"] for row in rows if "decision_ms" in row),
+            }
+        )
+    return table
+
+
+def pairs(arms: Mapping[str, Cases], base: str) -> list[Row]:
+    """One row per other arm: success in the same cases, who alone has it, and McNemar's p."""
+    table = []
+    for arm, cases in arms.items():
+        shared = sorted(set(cases) & set(arms[base])) if arm != base else []
+        if not shared:
+            continue
+        ours, theirs = (succeeds(arms[one], shared) for one in (base, arm))
+        both = [key for key, a, b in zip(shared, ours, theirs, strict=True) if a and b]
+        spent = [arms[base][key]["time_s"] - cases[key]["time_s"] for key in both]
+        table.append(
+            {
+                "arm": arm,
+                "episodes": len(shared),
+                base: int(ours.sum()),
+                "its": int(theirs.sum()),
+                f"{base} alone": int((ours & ~theirs).sum()),
+                "it alone": int((theirs & ~ours).sum()),
+                "p": mcnemar(ours, theirs),
+                "longer_s": mean(spent),
+            }
+        )
+    return table
+
+
+def by_scenario(arms: Mapping[str, Cases], base: str) -> list[Row]:
+    """One row per scenario: successes of each arm, and McNemar's p against the base."""
+    table = []
+    for name in sorted({scenario for cases in arms.values() for scenario, _ in cases}):
+        row: Row = {"scenario": name}
+        for arm, cases in arms.items():
+            here = sorted(key for key in cases if key[0] == name)
+            row[arm] = f"{int(succeeds(cases, here).sum())} of {len(here)}"
+            shared = [key for key in here if key in arms[base]]
+            if arm != base and shared:
+                row[f"p, {arm}"] = mcnemar(succeeds(arms[base], shared), succeeds(cases, shared))
+        table.append(row)
+    return table
+
+
+def agreement(cases: Cases, shipped: Cases) -> Row:
+    """How many of the episodes that both have end alike, and which do not."""
+    shared = sorted(set(cases) & set(shipped))
+    other = [key for key in shared if cases[key]["outcome"] != shipped[key]["outcome"]]
+    names = ", ".join(f"{name} {seed}" for name, seed in other)
+    alike = len(shared) - len(other)
+    share = alike / len(shared) if shared else math.nan
+    return {"episodes": len(shared), "alike": alike, "share": share, "others": names}
+
+
+def shipped_rows(file: Path, arm: str) -> dict[tuple[str, int], Row]:
+    """Read the outcomes of an arm that robot_sf ships, by scenario and seed."""
+    found = {}
+    with file.open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            if row["planner_key"] == arm:
+                good, hit = float(row["success"]) > 0.0, float(row["collision"]) > 0.0
+                outcome = "success" if good else "collision" if hit else "timeout"
+                found[row["scenario_id"], int(row["seed"])] = {"outcome": outcome}
+    return found
+
+
+def succeeds(cases: Cases, keys: Sequence[tuple[str, int]]) -> Any:
+    """Whether each of some cases succeeds, (K,) of bool."""
+    return np.array([cases[key]["outcome"] == "success" for key in keys], dtype=np.bool_)
+
+
+def mean(values: Iterable[float]) -> float:
+    """Return the mean; nan of nothing."""
+    known = list(values)
+    return sum(known) / len(known) if known else math.nan

@@ -1,0 +1,207 @@
+"""Drive robot_sf's release benchmark with our planner as an arm, and compare arms case by case.
+
+robot_sf_ll7 (https://github.com/ll7/robot_sf_ll7) is GPL-3.0-only. Nothing of it is copied here:
+this script imports it from a checkout, and belongs to no wheel of ours. In one environment::
+
+    pip install . ./robot_sf_ll7[benchmark] ./robot_sf_ll7/third_party/python-rvo2
+    python benchmarks/arenas/robot_sf.py run --checkout robot_sf_ll7 --arm orca --out results/sf
+    python benchmarks/arenas/robot_sf.py run --checkout robot_sf_ll7 --arm wideberth --out results/sf
+    python benchmarks/arenas/robot_sf.py table --checkout robot_sf_ll7 --out results/sf
+
+An arm is ``wideberth`` (`robot_sf_arm.py`, its settings in `robot_sf.yaml`) or a key of their
+campaign. Scenarios, seeds, horizon, step and judge are those of the campaign. Each episode is a
+file of its own, written whole or not at all; one that is there is not run again.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+CAMPAIGN = "configs/benchmarks/paper_experiment_matrix_v2_h600_s30_benchmark_data_2026_08.yaml"
+OURS = "wideberth"
+COUNTED = range(111, 141)
+"""Seeds of the release; settings are chosen on others."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One episode: an arm, a scenario and a seed."""
+
+    arm: str
+    scenario: str
+    seed: int
+
+    def file(self, out: Path) -> Path:
+        """Where its row stands."""
+        return out / self.arm / f"{self.scenario}--{self.seed}.json"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Their campaign as a checkout states it."""
+
+    checkout: Path
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """Return the campaign's file."""
+        import yaml
+
+        return dict(yaml.safe_load((self.checkout / CAMPAIGN).read_text(encoding="utf-8")))
+
+    @property
+    def matrix(self) -> Path:
+        """File of the scenarios."""
+        return self.checkout / str(self.stated["scenario_matrix"])
+
+    def arms(self) -> dict[str, dict[str, Any]]:
+        """Return their arms by key."""
+        return {one["key"]: one for one in self.stated["planners"]}
+
+    def scenarios(self) -> dict[str, dict[str, Any]]:
+        """Return the scenarios by name, each for a differential drive."""
+        from robot_sf.training.scenario_loader import load_scenarios
+
+        found = {}
+        for one in load_scenarios(self.matrix):
+            robot = {**(one.get("robot_config") or {}), "type": "differential_drive"}
+            found[str(one["name"])] = {**one, "robot_config": robot}
+        return found
+
+
+def enter(checkout: str) -> None:
+    """Make their package importable, quiet, and run from where it finds its files."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    root = Path(checkout)
+    os.chdir(root)
+    sys.path[:0] = [str(root), str(root / "fast-pysf")]
+    from loguru import logger
+
+    logger.remove()
+
+
+def drive(case: Case, checkout: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Run one episode by their runner, and return its row."""
+    from robot_sf.benchmark.map_runner.map_runner import _run_map_episode
+    from robot_sf_arm import Arm  # pyright: ignore
+
+    campaign = Campaign(Path(checkout))
+    stated, known = campaign.stated, campaign.arms()
+    ours = Arm.of(options["settings"]) if case.arm == OURS else None
+    theirs = known.get(case.arm, {"algo": "goal"})
+    begin = time.process_time()
+    record: Any = _run_map_episode(
+        campaign.scenarios()[case.scenario],
+        case.seed,
+        horizon=stated["horizon"],
+        dt=stated["dt"],
+        record_forces=False,  # of people; no part of the verdict
+        snqi_weights=None,
+        snqi_baseline=None,
+        algo=theirs["algo"],
+        algo_config=None if ours is None else {"env_overrides": {"include_route_waypoints": True}},
+        algo_config_path=theirs.get("algo_config"),
+        scenario_path=campaign.matrix,
+        policy_builder=None if ours is None else ours.build,
+    )
+    spent = time.process_time() - begin
+    return {**verdict(record, stated["dt"]), "cpu_s": spent, **({} if ours is None else ours.row())}
+
+
+def verdict(record: dict[str, Any], dt: float) -> dict[str, Any]:
+    """Return their verdict on an episode as a row.
+
+    ``begins_in_contact`` is a collision in the first step, in which no robot has moved more than
+    1 cm.
+    """
+    outcome, metrics = record["outcome"], record["metrics"]
+    hit = bool(outcome["collision_event"])
+    kind = "collision" if hit else "success" if outcome["route_complete"] else "timeout"
+    with_what = "person" if metrics["ped_collision_count"] else "wall"
+    steps = int(record["steps"])
+    return {
+        "outcome": kind,
+        "collided_with": with_what if hit else "",
+        "begins_in_contact": hit and steps == 1,
+        "steps": steps,
+        "time_s": steps * dt,
+        "least_gap_m": metrics.get("min_clearance"),
+    }
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the cases that have no row yet, and say how it goes."""
+    out, options.settings = Path(options.out).resolve(), str(Path(options.settings).resolve())
+    options.checkout = str(Path(options.checkout).resolve())
+    enter(options.checkout)
+    campaign = Campaign(Path(options.checkout))
+    if options.arm != OURS and options.arm not in campaign.arms():
+        sys.exit(f"--arm is {options.arm}; wanted {OURS} or one of {', '.join(campaign.arms())}")
+    names = options.scenarios or list(campaign.scenarios())
+    cases = [Case(options.arm, name, seed) for seed in seeds_of(options.seeds) for name in names]
+    left = [case for case in cases if not case.file(out).exists()]
+    print(f"{options.arm}: {len(cases)} episodes, {len(left)} to run", flush=True)
+    tally = {"success": 0, "collision": 0, "timeout": 0}
+    for done, (case, row) in enumerate(rows(left, options), 1):
+        write(case.file(out), {"arm": case.arm, "scenario": case.scenario, "seed": case.seed, **row})
+        tally[row["outcome"]] += 1
+        words = ", ".join(f"{count} {kind}" for kind, count in tally.items())
+        what = f"{row['outcome']} {row['collided_with']}".strip()
+        print(f"{done}/{len(left)} {case.scenario} {case.seed}: {what} ({words})", flush=True)
+
+
+def rows(cases: Sequence[Case], options: argparse.Namespace) -> Iterator[tuple[Case, dict[str, Any]]]:
+    """Yield each case with its row, as they come."""
+    settings = {"settings": options.settings}
+    with ProcessPoolExecutor(
+        options.workers, initializer=enter, initargs=(options.checkout,)
+    ) as pool:
+        waiting = {pool.submit(drive, case, options.checkout, settings): case for case in cases}
+        for future in as_completed(waiting):
+            yield waiting[future], future.result()
+
+
+def seeds_of(words: Sequence[str]) -> list[int]:
+    """Return the seeds that words like 111 or 111-140 name."""
+    found: list[int] = []
+    for word in words:
+        first, _, last = word.partition("-")
+        found += range(int(first), int(last or first) + 1)
+    return found
+
+
+def write(file: Path, row: dict[str, Any]) -> None:
+    """Write a row whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(f".{os.getpid()}.part")
+    part.write_text(json.dumps(row) + "\n", encoding="utf-8")
+    part.replace(file)
+
+
+def main() -> None:
+    """Read the command line and do what it says."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    commands = parser.add_subparsers(required=True)
+    running = commands.add_parser("run", help="run the cases of an arm that have no row yet")
+    running.add_argument("--arm", default=OURS)
+    running.add_argument("--seeds", nargs="+", default=["111-140"], metavar="SEED")
+    running.add_argument("--scenarios", nargs="+", metavar="NAME")
+    running.add_argument("--workers", type=int, default=os.cpu_count())
+    running.add_argument("--settings", default=str(Path(__file__).with_suffix(".yaml")))
+    running.set_defaults(do=run)
+    for one in (running,):
+        one.add_argument("--checkout", required=True, help="folder of robot_sf_ll7")
+        one.add_argument("--out", required=True, help="folder of the rows")
+    options = parser.parse_args()
+    options.do(options)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""How far along a path a robot has come."""
+
+import numpy as np
+
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.path_progress import PathProgress
+
+
+def follow(path: Path, places: np.ndarray) -> list[float]:
+    """Return the arc length at each place of a drive."""
+    progress, found = PathProgress(path), []
+    for place in places:
+        progress, arc = progress.advanced(place)
+        found.append(arc)
+    return found
+
+
+def test_a_robot_that_cuts_a_corner_comes_past_it():
+    spike = Path([(0.0, 0.0), (4.0, 0.0), (4.0, -1.0), (4.4, 10.0)])
+    cut = np.array([[x, 1.2] for x in np.arange(0.0, 4.01, 0.1)])
+    rest = np.array([[4.04, y] for y in np.arange(1.2, 4.0, 0.1)])
+    arcs = follow(spike, np.concatenate([cut, rest]))
+    assert arcs[-1] > 5.0 + 4.5, "it still looks at the leg before the corner"
+    assert np.diff(arcs).min() >= 0.0
+
+
+def test_a_robot_on_a_path_that_crosses_itself_goes_all_around():
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    loop = np.stack([6.0 + 3.0 * np.sin(angle), 3.0 - 3.0 * np.cos(angle)], axis=1)
+    path = Path(np.concatenate([[[0.0, 0.0]], loop, [[12.0, 0.0]]]))
+    wanted = np.arange(0.0, path.length, 0.2)
+    assert np.allclose(follow(path, path.at(wanted)), wanted, atol=1e-9)
+    aside = path.at(wanted) + np.array([0.0, 0.3])  # driven beside it
+    assert np.abs(np.array(follow(path, aside)) - wanted).max() < 0.4
