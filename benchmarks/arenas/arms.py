@@ -10,11 +10,20 @@ from typing import Any
 
 import numpy as np
 
+from wideberth.experiments.drawing.plotting import PAGE, paper_style, save, subplots
 from wideberth.metrics.statistics import clopper_pearson, mcnemar
 
 Row = dict[str, Any]
 Cases = Mapping[tuple[str, int], Row]
 """Rows of one arm by scenario and seed."""
+ENDS = {
+    "success": ("white", ""),
+    "begin in contact": ("0.85", "...."),
+    "hit a wall": ("0.6", "////"),
+    "hit a person": ("0.25", ""),
+    "timeout": ("0.8", "\\\\\\\\"),
+}
+"""How an episode may end -> colour and hatch of its bar."""
 
 
 def write(file: Path, row: Row) -> None:
@@ -102,6 +111,20 @@ def by_scenario(arms: Mapping[str, Cases], base: str) -> list[Row]:
     return table
 
 
+def failures(cases: Cases) -> list[Row]:
+    """One row per scenario and way to fail, the most frequent first, with its seeds."""
+    found: dict[tuple[str, str], list[int]] = {}
+    for (name, seed), row in sorted(cases.items()):
+        if row["outcome"] != "success":
+            how = "begins in contact" if row["begins_in_contact"] else row["outcome"]
+            words = f"{how} {row['collided_with']}".strip()
+            found.setdefault((name, words), []).append(seed)
+    return [
+        {"scenario": name, "how": how, "episodes": len(seeds), "seeds": ", ".join(map(str, seeds))}
+        for (name, how), seeds in sorted(found.items(), key=lambda one: (-len(one[1]), one[0]))
+    ]
+
+
 def agreement(cases: Cases, shipped: Cases) -> Row:
     """How many of the episodes that both have end alike, and which do not."""
     shared = sorted(set(cases) & set(shipped))
@@ -122,6 +145,23 @@ def shipped_rows(file: Path, arm: str) -> dict[tuple[str, int], Row]:
                 outcome = "success" if good else "collision" if hit else "timeout"
                 found[row["scenario_id"], int(row["seed"])] = {"outcome": outcome}
     return found
+
+
+def outcome_figure(arms: Mapping[str, Cases], folder: Path, name: str) -> list[Path]:
+    """Draw how the episodes of each arm end, as a bar of 100 %; PNG and PDF."""
+    with paper_style():
+        figure, panel = subplots(figsize=(PAGE, 0.7 + 0.35 * len(arms)))
+        rows = counts(arms)
+        left = np.zeros(len(rows))
+        for kind, (colour, hatch) in ENDS.items():
+            part = np.array([100.0 * row[kind] / row["episodes"] for row in rows])
+            panel.barh([row["arm"] for row in rows], part, left=left, color=colour, hatch=hatch,
+                       edgecolor="black", linewidth=0.4, label=kind)  # fmt: skip
+            left += part
+        panel.set(xlim=(0.0, 100.0), xlabel="episodes, %")
+        panel.invert_yaxis()
+        figure.legend(loc="outside upper center", ncols=len(ENDS))
+        return save(figure, folder, name)
 
 
 def succeeds(cases: Cases, keys: Sequence[tuple[str, int]]) -> Any:

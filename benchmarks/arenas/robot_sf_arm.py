@@ -9,7 +9,7 @@ import shapely
 import yaml
 
 import wideberth
-from wideberth import Identities, Observation, Rerouting
+from wideberth import Identities, Observation, Path, Rerouting
 from wideberth.controllers.withdrawing import Withdrawing
 
 STEP = 0.1
@@ -70,7 +70,7 @@ class Arm:
         self.planner = Withdrawing(wideberth.recommended(robot, quiet=True, **self.settings))
         self.hold = round(self.planner.period / STEP)
         self.routes = Rerouting(self.walls, limits.radius)
-        self.path = None
+        self.path: Path | None = None
 
     def act(self, seen: Mapping[str, Any]) -> Any:
         """Return (a, alpha), m/s^2 and rad/s^2, that hold until the next decision."""
@@ -99,7 +99,7 @@ class Arm:
         )
         ahead = [one for one in seen["route_waypoints"][1:] if one.any()]  # the rest is padding
         route = self.routes.update(self.now, place, ahead, people)
-        if route.path is not self.path:
+        if route.path is not None and route.path is not self.path:
             self.path = route.path
             self.planner.set_path(route.path)
         command = self.planner.command(

@@ -4,9 +4,10 @@ robot_sf_ll7 (https://github.com/ll7/robot_sf_ll7) is GPL-3.0-only. Nothing of i
 this script imports it from a checkout, and belongs to no wheel of ours. In one environment::
 
     pip install . ./robot_sf_ll7[benchmark] ./robot_sf_ll7/third_party/python-rvo2
-    python benchmarks/arenas/robot_sf.py run --checkout robot_sf_ll7 --arm orca --out results/sf
-    python benchmarks/arenas/robot_sf.py run --checkout robot_sf_ll7 --arm wideberth --out results/sf
-    python benchmarks/arenas/robot_sf.py table --checkout robot_sf_ll7 --out results/sf
+    cd benchmarks/arenas
+    python run_robot_sf.py run --checkout ROBOT_SF_LL7 --out results/robot_sf --arm orca
+    python run_robot_sf.py run --checkout ROBOT_SF_LL7 --out results/robot_sf --arm wideberth
+    python run_robot_sf.py table --checkout ROBOT_SF_LL7 --out results/robot_sf
 
 An arm is ``wideberth`` (`robot_sf_arm.py`, its settings in `robot_sf.yaml`) or a key of their
 campaign. Scenarios, seeds, horizon, step and judge are those of the campaign. Each episode is a
@@ -14,20 +15,37 @@ file of its own, written whole or not at all; one that is there is not run again
 """
 
 import argparse
-import json
 import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+sys.path.append(str(Path(__file__).parents[1]))  # the other benchmarks
+from arms import (
+    Row,
+    agreement,
+    by_scenario,
+    counts,
+    failures,
+    outcome_figure,
+    pairs,
+    read,
+    shipped_rows,
+    write,
+)
+from measuring import markdown
+
+from wideberth.framework.plugins.io import write_text
+
 CAMPAIGN = "configs/benchmarks/paper_experiment_matrix_v2_h600_s30_benchmark_data_2026_08.yaml"
 OURS = "wideberth"
-COUNTED = range(111, 141)
-"""Seeds of the release; settings are chosen on others."""
+EVIDENCE = "docs/context/evidence/issue_3810_h600_interpretation_2026-07/source_reports"
+SHIPPED = (f"{EVIDENCE}/13268",)
+"""Folders of rows per episode that a checkout holds, of seeds 111 to 113."""
 
 
 @dataclass(frozen=True)
@@ -87,14 +105,14 @@ def enter(checkout: str) -> None:
     logger.remove()
 
 
-def drive(case: Case, checkout: str, options: dict[str, Any]) -> dict[str, Any]:
+def drive(case: Case, checkout: str, settings: str) -> Row:
     """Run one episode by their runner, and return its row."""
     from robot_sf.benchmark.map_runner.map_runner import _run_map_episode
-    from robot_sf_arm import Arm  # pyright: ignore
+    from robot_sf_arm import Arm
 
     campaign = Campaign(Path(checkout))
     stated, known = campaign.stated, campaign.arms()
-    ours = Arm.of(options["settings"]) if case.arm == OURS else None
+    ours = Arm.of(settings) if case.arm == OURS else None
     theirs = known.get(case.arm, {"algo": "goal"})
     begin = time.process_time()
     record: Any = _run_map_episode(
@@ -112,13 +130,17 @@ def drive(case: Case, checkout: str, options: dict[str, Any]) -> dict[str, Any]:
         policy_builder=None if ours is None else ours.build,
     )
     spent = time.process_time() - begin
-    return {**verdict(record, stated["dt"]), "cpu_s": spent, **({} if ours is None else ours.row())}
+    return {
+        **verdict(record, stated["dt"]),
+        "cpu_s": spent,
+        **({} if ours is None else ours.row()),
+    }
 
 
-def verdict(record: dict[str, Any], dt: float) -> dict[str, Any]:
+def verdict(record: dict[str, Any], dt: float) -> Row:
     """Return their verdict on an episode as a row.
 
-    ``begins_in_contact`` is a collision in the first step, in which no robot has moved more than
+    ``begins_in_contact`` is a collision in the first step, in which the robot moves by less than
     1 cm.
     """
     outcome, metrics = record["outcome"], record["metrics"]
@@ -140,30 +162,36 @@ def run(options: argparse.Namespace) -> None:
     """Run the cases that have no row yet, and say how it goes."""
     out, options.settings = Path(options.out).resolve(), str(Path(options.settings).resolve())
     options.checkout = str(Path(options.checkout).resolve())
-    enter(options.checkout)
     campaign = Campaign(Path(options.checkout))
+    if not (campaign.checkout / CAMPAIGN).is_file():
+        sys.exit(f"--checkout is {campaign.checkout}, without {CAMPAIGN}; wanted robot_sf_ll7")
+    enter(options.checkout)
     if options.arm != OURS and options.arm not in campaign.arms():
         sys.exit(f"--arm is {options.arm}; wanted {OURS} or one of {', '.join(campaign.arms())}")
-    names = options.scenarios or list(campaign.scenarios())
+    known = list(campaign.scenarios())
+    names = options.scenarios or known
+    if unknown := set(names) - set(known):
+        sys.exit(f"--scenarios has {sorted(unknown)}; wanted of {', '.join(known)}")
     cases = [Case(options.arm, name, seed) for seed in seeds_of(options.seeds) for name in names]
     left = [case for case in cases if not case.file(out).exists()]
     print(f"{options.arm}: {len(cases)} episodes, {len(left)} to run", flush=True)
     tally = {"success": 0, "collision": 0, "timeout": 0}
     for done, (case, row) in enumerate(rows(left, options), 1):
-        write(case.file(out), {"arm": case.arm, "scenario": case.scenario, "seed": case.seed, **row})
+        write(case.file(out), {**asdict(case), **row})
         tally[row["outcome"]] += 1
         words = ", ".join(f"{count} {kind}" for kind, count in tally.items())
         what = f"{row['outcome']} {row['collided_with']}".strip()
         print(f"{done}/{len(left)} {case.scenario} {case.seed}: {what} ({words})", flush=True)
 
 
-def rows(cases: Sequence[Case], options: argparse.Namespace) -> Iterator[tuple[Case, dict[str, Any]]]:
+def rows(cases: Sequence[Case], options: argparse.Namespace) -> Iterator[tuple[Case, Row]]:
     """Yield each case with its row, as they come."""
-    settings = {"settings": options.settings}
     with ProcessPoolExecutor(
         options.workers, initializer=enter, initargs=(options.checkout,)
     ) as pool:
-        waiting = {pool.submit(drive, case, options.checkout, settings): case for case in cases}
+        waiting = {
+            pool.submit(drive, case, options.checkout, options.settings): case for case in cases
+        }
         for future in as_completed(waiting):
             yield waiting[future], future.result()
 
@@ -177,29 +205,50 @@ def seeds_of(words: Sequence[str]) -> list[int]:
     return found
 
 
-def write(file: Path, row: dict[str, Any]) -> None:
-    """Write a row whole or not at all."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_suffix(f".{os.getpid()}.part")
-    part.write_text(json.dumps(row) + "\n", encoding="utf-8")
-    part.replace(file)
+def tables(options: argparse.Namespace) -> None:
+    """Write the tables of all arms that have rows, and the figure."""
+    out, checkout = Path(options.out), Path(options.checkout)
+    arms = read(out, seeds_of(options.seeds))
+    if OURS not in arms:
+        sys.exit(f"{out} has no row of {OURS}; begin with `run --arm {OURS}`")
+    text = [
+        markdown("How the episodes end", counts(arms)),
+        markdown("The same cases", pairs(arms, OURS)),
+        markdown("By scenario", by_scenario(arms, OURS)),
+        markdown(f"Episodes of {OURS} without success", failures(arms[OURS])),
+    ]
+    shipped = [
+        {"rows": folder, "arm": arm, **agreement(cases, known)}
+        for folder in SHIPPED
+        for arm, cases in arms.items()
+        if (known := shipped_rows(checkout / folder / "seed_episode_rows.csv", arm))
+    ]
+    text += [markdown("Beside the rows that robot_sf ships", shipped)] if shipped else []
+    write_text(out / "robot_sf.md", "\n".join(text))
+    print("\n".join(text))
+    for file in outcome_figure(arms, out, "robot_sf"):
+        print(file)
 
 
-def main() -> None:
-    """Read the command line and do what it says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+def main(words: Sequence[str] | None = None) -> None:
+    """Do what the words of the command line say."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     commands = parser.add_subparsers(required=True)
     running = commands.add_parser("run", help="run the cases of an arm that have no row yet")
     running.add_argument("--arm", default=OURS)
-    running.add_argument("--seeds", nargs="+", default=["111-140"], metavar="SEED")
     running.add_argument("--scenarios", nargs="+", metavar="NAME")
     running.add_argument("--workers", type=int, default=os.cpu_count())
-    running.add_argument("--settings", default=str(Path(__file__).with_suffix(".yaml")))
+    running.add_argument("--settings", default=str(Path(__file__).with_name("robot_sf.yaml")))
     running.set_defaults(do=run)
-    for one in (running,):
+    table = commands.add_parser("table", help="compare the arms that have rows")
+    table.set_defaults(do=tables)
+    for one in (running, table):
         one.add_argument("--checkout", required=True, help="folder of robot_sf_ll7")
         one.add_argument("--out", required=True, help="folder of the rows")
-    options = parser.parse_args()
+        one.add_argument("--seeds", nargs="+", default=["111-140"], metavar="SEED")
+    options = parser.parse_args(words)
     options.do(options)
 
 
