@@ -68,6 +68,7 @@ def sample_view() -> PlanningContext:
         travel=np.full(STEPS, np.inf),
         level=Fixed(0.05),
         margin=0.1,
+        wall_margin=0.1,
         aside=10.0,
         most=5,
     )
@@ -260,8 +261,7 @@ class Sample:
         assert least > 0.0, f"{FAR:g} m away a row is {least:.2g}; wanted above 0"
         if isinstance(self.kind, LevelledKind):
             return
-        margin = replace(self.view, margin=0.0)
-        exact = replace(self, view=margin)
+        exact = replace(self, view=replace(self.view, margin=0.0, wall_margin=0.0))
         lowest = exact.lowest(self.states, exact.chosen.numbers)
         clear = np.array([exact.depth(state) == 0.0 for state in self.states[1:]])
         assert clear.any(), "the robot stands in a thing at every pose of the sample"

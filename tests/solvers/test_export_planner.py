@@ -83,7 +83,7 @@ DRIVES: dict[str, tuple[dict[str, Any], list[tuple[Scene, int, int]]]] = {
     ),
     "forwards": (
         {"robot": {"type": "unicycle", "max_yaw_rate": 1.0, "max_yaw_acceleration": 1.0,
-                   "max_reverse_speed": 0.0}},
+                   "max_reverse_speed": 0.0}, "wall_margin": 0.02},
         [(Scene(people=3, turned=2.9), 0, 20), (Scene(people=5, walls=6, turned=-2.2), 1, 20)],
     ),
     "hard": (

@@ -500,6 +500,7 @@ def _context(
         travel=services.travel.bounds(course.start),
         level=settings.level,
         margin=settings.margin,
+        wall_margin=settings.margin_at_walls,
         aside=0.5 * settings.reference_speed * settings.horizon * settings.dt,
         most=settings.most_obstacles,
         beyond=frame.beyond,
@@ -641,7 +642,7 @@ def _far_behind(
     beside: list[tuple[Polygon, ...]] = [()] * (settings.history + 2 * len(crowds))
     if walls and settings.static_region is not None:
         way = settings.reference_speed * settings.horizon * settings.dt
-        aside = settings.robot.radius + settings.margin + 0.25 * way
+        aside = settings.robot.radius + settings.margin_at_walls + 0.25 * way
         middle = origin + aside * np.array([-direction[1], direction[0]])
         corners = middle + 0.05 * np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
         beside += 2 * [(Polygon(tuple(map(tuple, corners.tolist())), "warm-up"),)]

@@ -237,6 +237,10 @@ def _time_aside(robot: Robot, speed: float, rate: float, distance: float) -> flo
     return now
 
 
+def _at_walls(planner: PlannerSettings) -> str:
+    return "" if planner.wall_margin is None else f"; {planner.wall_margin:g} m before walls"
+
+
 def _choices(planner: Planner, fitted: str) -> list[str]:
     """Say what was chosen and why, a line each."""
     name = describe(planner.robot).get("type", type(planner.robot).__name__)
@@ -259,7 +263,7 @@ def _choices(planner: Planner, fitted: str) -> list[str]:
         "predictor": f"{predictor}: where people may be, with a spread that covers what they do",
         "region": f"{region}: {100 * (1 - tail):g} % of where an obstacle may be, and both radii",
         "level": f"{level}: gives way at a price where that is worth it",
-        "margin": f"{planner.margin:g} m: regions hold at the steps alone",
+        "margin": f"{planner.margin:g} m: regions hold at the steps alone{_at_walls(planner)}",
         "cost": f"{cost}{weights}",
         "horizon": f"{planner.horizon} steps of {planner.dt:.3g} s, {ahead:.3g} s and "
         f"{ahead * speed:.3g} m ahead; call it every {planner.period:.3g} s",

@@ -64,6 +64,8 @@ class PlannerSettings:
         between two of them, a straight pass at relative speed w comes closer by up to
         (w dt)^2 / (8 (r + r_d)), 0.02 m at the paper's numbers. The slot kind ``between_steps``
         adds a bound of it, so that plans keep their regions there too.
+    wall_margin : m, added to r before static polygons, which stand still and are known exactly
+        where the map is; None for ``margin``.
     starts : starting points of the solver beside the shifted last plan, always tried, or
         ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
@@ -97,6 +99,7 @@ class PlannerSettings:
     history: int = 80
     most_obstacles: int = 20
     margin: float = 0.0
+    wall_margin: float | None = None
     starts: Starts = "auto"
     static_region: StaticRegion | None = None
     further_kinds: tuple[SlotKind, ...] = ()
@@ -116,6 +119,11 @@ class PlannerSettings:
     def target(self) -> float:
         """s_ref, the level that a shared level is drawn to; nan where none is shared."""
         return shared_target(self.kinds, self.level, self.robot.dimension)
+
+    @property
+    def margin_at_walls(self) -> float:
+        """Added to the radius of the robot's bodies before static polygons, m."""
+        return self.margin if self.wall_margin is None else self.wall_margin
 
     @property
     def grid(self) -> Array:
@@ -147,9 +155,9 @@ def check_settings(planner: PlannerSettings) -> None:
         positive(f"planner.{name}", getattr(planner, name))
     for name in ("latency", "margin"):
         positive(f"planner.{name}", getattr(planner, name), zero=True)
-    for name in ("deadline", "penalty"):
+    for name in ("deadline", "penalty", "wall_margin"):
         if getattr(planner, name) is not None:
-            positive(f"planner.{name}", getattr(planner, name))
+            positive(f"planner.{name}", getattr(planner, name), zero=name == "wall_margin")
     _check_sizes(planner)
     checked_starts(planner.starts)
     if planner.robot.dimension not in planner.region.dimensions:

@@ -61,6 +61,7 @@ class PlanningContext:
         that is not known.
     level : the planner's level policy.
     margin : m, added around the robot's bodies.
+    wall_margin : m, the same before static polygons.
     aside : m, how far a plan may turn aside: half of what the reference covers.
     most : how many things of a kind a problem may hold.
     beyond : the forecast at steps N + 1..N + M, at which a robot that stands where its plan ends
@@ -80,6 +81,7 @@ class PlanningContext:
     travel: Array
     level: LevelPolicy
     margin: float
+    wall_margin: float
     aside: float
     most: int
     beyond: Forecast | None = None

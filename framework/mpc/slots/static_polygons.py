@@ -269,10 +269,10 @@ class StaticPolygons(SlotKind):
         walls, polygons = NONE, view.observation.polygons
         if polygons:
             route = np.concatenate([*view.route, view.planned])
-            around = robot.radius + view.margin
+            around = robot.radius + view.wall_margin
             reach = nearness(around, view.aside, view.own_on_map, view.level)
             walls = choose_walls(polygons, self.region, route, reach, view.most)
-        return self.chosen(robot, walls, view.level, view.margin, view.own_on_map)
+        return self.chosen(robot, walls, view.level, view.wall_margin, view.own_on_map)
 
     def chosen(
         self, robot: Robot, walls: Walls, level: LevelPolicy, margin: float, own: Array
@@ -281,8 +281,9 @@ class StaticPolygons(SlotKind):
 
         Parameters
         ----------
-        robot, level, margin : see `PlanningContext`.
+        robot, level : see `PlanningContext`.
         walls : the polygons.
+        margin : m, `PlanningContext.wall_margin`.
         own : (N, 2, 2), m^2, `PlanningContext.own_on_map`.
         """
         numbers = SlotNumbers.none(len(own))

@@ -121,6 +121,7 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("SPEED", planner.reference_speed, "m/s"),
         ("RADIUS", body.radius, "m"),
         ("ROOM", body.radius + planner.margin, "m"),
+        ("WALL_ROOM", body.radius + planner.margin_at_walls, "m"),
         ("FASTEST", _fastest(planner), "m/s"),
         ("FOREVER", FOREVER, "s"),
         ("MINIMUM", -inf if shared is None else shared.minimum, "of a shared level"),

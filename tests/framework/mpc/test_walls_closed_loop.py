@@ -10,8 +10,10 @@ import shapely
 
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.recommended import recommended
 from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.static_region import StaticRegion
+from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Footprint, Outline
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
@@ -221,3 +223,52 @@ def test_a_mirrored_wall_gives_the_mirrored_plan() -> None:
     assert left.rung is right.rung is Rung.OPTIMAL
     assert left.positions[:, 1].min() < -0.5
     assert np.allclose(left.positions, right.positions * [1.0, -1.0], atol=1e-3)
+
+
+# the margin before walls
+
+GAP = tuple(block(2.0, y, name, 1.5) for y, name in ((0.36, "left"), (-1.86, "right")))
+"""0.72 m wide, for a robot of 0.6 m."""
+
+
+@cache
+def through(**margins: float) -> tuple[float, float]:
+    """How far a robot gets whose path leads through the gap, and its least distance to it, m."""
+    robot = Unicycle(radius=0.3, max_yaw_rate=1.0, max_yaw_acceleration=1.0)
+    planner = recommended(robot, 0.5, quiet=True, **margins)
+    made = RobotAgent("robot", robot, planner, Path(np.array([[0.0, 0.0], [5.0, 0.0]])))
+    episode = run_episode([made], replace(QUICK, time_limit=20.0), polygons=list(GAP))
+    log = episode.robots[0]
+    return float(log.positions[-1, 0]), min(apart(log, wall) for wall in GAP)
+
+
+def test_a_narrow_gap_is_passed_with_a_smaller_margin_before_walls() -> None:
+    """And the margin before people stays as it is."""
+    assert through()[0] < 2.0  # 0.1 m on either side would take 0.8 m
+    end, room = through(wall_margin=0.02)
+    assert end > 4.5 and 0.02 - 1e-3 < room
+    assert through(margin=0.02) == (end, room)
+    assert through(margin=0.02, wall_margin=0.1)[0] < 2.0
+
+
+def test_people_keep_the_margin_that_is_theirs() -> None:
+    """The same numbers of people, and those of walls from the other margin."""
+    wall, person = block(2.0, 1.0, "wall"), Detection("a", np.array([3.0, -1.0]), None, 0.3)
+    seen = Observation(0.0, np.zeros(5), (person,), polygons=(wall,))
+
+    def numbers(**margins: float) -> Any:
+        made = recommended("unicycle", 0.5, quiet=True, **margins)
+        made.set_path(Path(np.array([[0.0, 0.0], [5.0, 0.0]])))
+        made.command(seen)
+        return [one.parameters for one in made.explain().parameters.slots]
+
+    both, own, less = (
+        numbers(margin=0.1),
+        numbers(margin=0.1, wall_margin=0.02),
+        numbers(margin=0.02),
+    )
+    np.testing.assert_array_equal(own[0], both[0])
+    np.testing.assert_array_equal(own[1], less[1])
+    assert np.abs(own[1] - both[1]).max() == pytest.approx(0.08)
+    with pytest.raises(WideberthError, match=r"planner\.wall_margin is -1"):
+        numbers(wall_margin=-1.0)

@@ -248,7 +248,7 @@ static void put_wall(struct instance *instance, const struct wall *wall)
         for (j = 0; j < wall->corners; j++)
             widest = fmax(widest, hypot(wall->at[k][0] - wall->at[j][0],
                                       wall->at[k][1] - wall->at[j][1]));
-    scale = PLAN_ROOM + fmin(fmax(0.5 * widest, LEAST_LENGTH), MOST_LENGTH);
+    scale = PLAN_WALL_ROOM + fmin(fmax(0.5 * widest, LEAST_LENGTH), MOST_LENGTH);
     for (i = 0; i < N; i++) {
         double *numbers = instance->problem.polygons.parameters[i][slot];
         for (k = 0; k < CORNERS; k++)
@@ -256,7 +256,7 @@ static void put_wall(struct instance *instance, const struct wall *wall)
                 2 * sizeof(double));
         numbers += 2 * CORNERS;
         numbers[0] = numbers[1] = numbers[2] = 0.0; /* the own state counts as exact */
-        numbers[3] = PLAN_ROOM, numbers[4] = scale;
+        numbers[3] = PLAN_WALL_ROOM, numbers[4] = scale;
     }
     instance->problem.polygons.active[slot] = 1.0;
 }
@@ -282,7 +282,7 @@ static void choose_walls(struct wideberth_planner *planner, const wideberth_obse
 {
     struct instance *instance = &planner->instance;
     double *away = planner->scratch.wall_away;
-    const double reach = PLAN_ROOM + 0.5 * PLAN_SPEED * N * WIDEBERTH_DT;
+    const double reach = PLAN_WALL_ROOM + 0.5 * PLAN_SPEED * N * WIDEBERTH_DT;
     int k, other, rank;
     instance->walls = 0;
     for (k = 0; k < seen->polygons; k++) {
