@@ -59,7 +59,7 @@ class Limited:
 
     Attributes
     ----------
-    limit : field of `wideberth.nav2.controllers.local_controllers.VelocityLimits`.
+    limit : number of `wideberth.nav2.controllers.local_controllers.VelocityLimits`.
     sign : -1 where the field is its negative; 0 where the field stays within its two signs.
     """
 

@@ -64,12 +64,14 @@ def _robot(settings: LoopSettings, place: str) -> Unicycle:
     reach = float(np.linalg.norm(corners, axis=1).max()) if len(corners) else float(radius or 0.0)
     smoother = settings.make_smoother()
     gain = np.minimum(smoother.max_accel, -np.array(smoother.max_decel))
+    fastest, back = float(smoother.max_velocity[0]), -float(smoother.min_velocity[0])
     return Unicycle(
         radius=reach,
-        max_speed=float(smoother.max_velocity[0]),
+        max_speed=fastest,
         max_yaw_rate=float(smoother.max_velocity[2]),
         max_acceleration=float(gain[0]),
         max_yaw_acceleration=float(gain[2]),
+        max_reverse_speed=None if back >= fastest else max(back, 0.0),
     )
 
 

@@ -105,7 +105,7 @@ class DwbParameters:
     """
 
     trajectory_generator_name: Generator = GENERATORS[0]
-    min_vel_x: Annotated[float, Limited("speed", 0)] = 0.0
+    min_vel_x: Annotated[float, Limited("backwards", 0)] = 0.0
     min_vel_y: float = 0.0
     max_vel_x: Annotated[float, Limited("speed")] = 0.0
     max_vel_y: float = 0.0

@@ -39,20 +39,29 @@ class VelocityLimits:
     yaw_rate : rad/s.
     acceleration : m/s^2.
     yaw_acceleration : rad/s^2.
+    reverse_speed : m/s, backwards, 0 for never; None for as fast as forwards.
 
     Raises
     ------
-    WideberthError : one that is not above zero.
+    WideberthError : one that is not above zero; a speed backwards below it.
     """
 
     speed: float
     yaw_rate: float
     acceleration: float
     yaw_acceleration: float
+    reverse_speed: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            positive(f"limits.{field.name}", getattr(self, field.name))
+            back = field.name == "reverse_speed"
+            if not back or self.reverse_speed is not None:
+                positive(f"limits.{field.name}", getattr(self, field.name), zero=back)
+
+    @property
+    def backwards(self) -> float:
+        """Speed backwards, m/s."""
+        return self.speed if self.reverse_speed is None else self.reverse_speed
 
     def parameters(self, local: str, given: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Return the limits by the names of a controller, as far as it has such parameters.
@@ -72,7 +81,7 @@ class VelocityLimits:
                 most = getattr(self, mark.limit)
                 value = float(given.get(parameter, getattr(kind, parameter)))
                 within = min(max(value, -most), most)
-                found[parameter] = mark.sign * most if mark.sign else within
+                found[parameter] = 0.0 + mark.sign * most if mark.sign else within
         return found
 
 

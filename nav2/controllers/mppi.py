@@ -129,7 +129,7 @@ class MPPI(CompositeController):
     vx_std: Positive = 0.2
     wz_std: Positive = 0.4
     vx_max: Annotated[float, Limited("speed")] = 0.5
-    vx_min: Annotated[float, Limited("speed", 0)] = -0.35
+    vx_min: Annotated[float, Limited("backwards", 0)] = -0.35
     wz_max: Annotated[float, Limited("yaw_rate")] = 1.9
     ax_max: Annotated[float, Limited("acceleration")] = 3.0
     ax_min: Annotated[float, Limited("acceleration", -1)] = -3.0

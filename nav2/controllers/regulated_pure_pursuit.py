@@ -73,7 +73,7 @@ class RegulatedPurePursuit(Pursuit):
     """
 
     max_linear_vel: Annotated[Positive, Limited("speed"), Named("desired_linear_vel")] = 0.5
-    min_linear_vel: Annotated[float, Limited("speed", -1)] = -0.5
+    min_linear_vel: Annotated[float, Limited("backwards", -1)] = -0.5
     max_angular_vel: Annotated[float, Limited("yaw_rate")] = 2.5
     min_angular_vel: Annotated[float, Limited("yaw_rate", -1)] = -2.5
     max_linear_accel: Annotated[float, Limited("acceleration")] = 2.5

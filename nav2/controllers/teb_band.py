@@ -90,7 +90,7 @@ class TebParameters:
     feasibility_check_no_poses: int = 5
     min_resolution_collision_check_angular: Positive = pi
     max_vel_x: Annotated[Positive, Limited("speed")] = 0.4
-    max_vel_x_backwards: Annotated[NonNegative, Limited("speed", 0)] = 0.2
+    max_vel_x_backwards: Annotated[NonNegative, Limited("backwards", 0)] = 0.2
     max_vel_theta: Annotated[Positive, Limited("yaw_rate")] = 0.3
     acc_lim_x: Annotated[NonNegative, Limited("acceleration")] = 0.5
     acc_lim_theta: Annotated[NonNegative, Limited("yaw_acceleration")] = 0.5

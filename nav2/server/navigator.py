@@ -409,11 +409,12 @@ def poses_along(path: Path) -> Array:
 def limits_of(robot: Robot) -> VelocityLimits:
     """Ask a robot how fast it can be, and how fast it can become so."""
     rest, soon = np.zeros(len(robot.states)), 1e-3
-    ahead, turn = Twist((FAST, 0.0)), Twist((0.0, 0.0), FAST)
+    ahead, back, turn = Twist((FAST, 0.0)), Twist((-FAST, 0.0)), Twist((0.0, 0.0), FAST)
     gained = float(attained(robot, rest, [ahead], soon)[0, 0])
     return VelocityLimits(
         top_speed(robot, rest),
         float(attained(robot, rest, [turn])[0, 2]),
         gained / soon,
         yaw_acceleration(robot, rest),
+        0.0 - float(attained(robot, rest, [back])[0, 0]),
     )

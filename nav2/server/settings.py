@@ -122,9 +122,9 @@ class LoopSettings:
 
     def within(self, limits: VelocityLimits) -> "LoopSettings":
         """Return the same settings with limits for the controller and the smoother."""
-        v, w, a, alpha = astuple(limits)
+        v, w, a, alpha, _ = astuple(limits)
         smoother = {
-            "max_velocity": [v, 0.0, w], "min_velocity": [-v, 0.0, -w],
+            "max_velocity": [v, 0.0, w], "min_velocity": [0.0 - limits.backwards, 0.0, -w],
             "max_accel": [a, 0.0, alpha], "max_decel": [-a, 0.0, -alpha],
         }  # fmt: skip
         return replace(

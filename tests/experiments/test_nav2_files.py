@@ -63,6 +63,16 @@ def test_a_parameter_file_becomes_a_config(params: Path, tmp_path: Path, capsys:
     assert ours.reference_speed == experiment.speed == pytest.approx(0.5)
 
 
+def test_a_speed_backwards_becomes_the_robot_s(params: Path, tmp_path: Path, capsys: Any) -> None:
+    out = tmp_path / "config.yaml"
+    params.write_text(PARAMS.replace("min_velocity: [-0.7", "min_velocity: [0.0"))
+    assert run(capsys, params, "--out", out)[0] == 0
+    experiment: Any = read_experiment(str(out), [])[0]
+    assert experiment.planners["ours"].robot == Unicycle(
+        0.22, 0.7, 1.0, 2.0, 3.2, max_reverse_speed=0.0
+    )
+
+
 def test_the_config_becomes_the_parameter_file_again(
     params: Path, tmp_path: Path, capsys: Any
 ) -> None:

@@ -15,6 +15,7 @@ from wideberth.nav2.controllers.rotation_shim import RotationShim
 from wideberth.nav2.controllers.teb import TEB
 from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.parameters import NAMES
+from wideberth.nav2.server.navigator import Nav2
 from wideberth.nav2.server.params_file import read_params_file
 from wideberth.nav2.server.params_text import params_text
 from wideberth.nav2.server.settings import LoopSettings
@@ -378,6 +379,24 @@ def test_nothing_reverses_faster_than_its_limit(
     assert bound.parameters[name] == after
     usual = {"mppi": MPPI, "mppi_foresight": MPPI, "dwb": DWB, "teb": TEB}[local]
     assert VelocityLimits(9.0, 9.0, 9.0, 9.0).parameters(local)[name] == getattr(usual, name)
+
+
+@pytest.mark.parametrize(
+    ("local", "name"),
+    [("mppi", "vx_min"), ("teb", "max_vel_x_backwards"), ("dwb", "min_vel_x"),
+     ("regulated_pure_pursuit", "min_linear_vel")],
+)  # fmt: skip
+@pytest.mark.parametrize("back", [0.0, 0.1])
+def test_a_robot_that_hardly_reverses_does_not_with_nav2(
+    local: str, name: str, back: float
+) -> None:
+    robot = Unicycle(max_reverse_speed=back)
+    made = Nav2(
+        robot, LoopSettings(local, {name: -0.5} if local == "dwb" else {}), robot_limits=True
+    )
+    bound = made.chosen
+    assert abs(bound.parameters[name]) == pytest.approx(back)
+    assert bound.make_smoother().min_velocity == pytest.approx((-back, 0.0, -0.3))
 
 
 def test_critics_know_the_inflation_of_the_view() -> None:
