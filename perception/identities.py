@@ -123,10 +123,10 @@ class Identities:
 
     Examples
     --------
-    >>> people = Identities()
-    >>> [one.ident for one in people.named(0.0, [[2.0, 0.0], [5.0, 1.0]])]
+    >>> identities = Identities()
+    >>> [one.ident for one in identities.named(0.0, [[2.0, 0.0], [5.0, 1.0]])]
     ['1', '2']
-    >>> [one.ident for one in people.named(0.1, [[5.0, 1.1], [1.9, 0.0], [9.0, 0.0]])]
+    >>> [one.ident for one in identities.named(0.1, [[5.0, 1.1], [1.9, 0.0], [9.0, 0.0]])]
     ['2', '1', '3']
     """
 

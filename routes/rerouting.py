@@ -76,9 +76,9 @@ class Rerouting:
     Examples
     --------
     >>> from wideberth import walls_of_segments
-    >>> routes = Rerouting(walls_of_segments([[3, -5, 3, 2], [6, -2, 6, 5]]), radius=0.4)
-    >>> route = routes.update(0.0, (0.0, 0.0), [(4.5, 0.0), (9.0, 0.0)])
-    >>> route.path.length > 10.0, routes.update(0.1, (0.1, 0.1), [(9.0, 0.0)]) is route
+    >>> rerouting = Rerouting(walls_of_segments([[3, -5, 3, 2], [6, -2, 6, 5]]), radius=0.4)
+    >>> route = rerouting.update(0.0, (0.0, 0.0), [(4.5, 0.0), (9.0, 0.0)])
+    >>> route.path.length > 10.0, rerouting.update(0.1, (0.1, 0.1), [(9.0, 0.0)]) is route
     (True, True)
     """
 
