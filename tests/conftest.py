@@ -13,6 +13,7 @@ import pytest
 
 GOLDEN = Path(__file__).with_name("golden_regions.json")
 DENSE = Path(__file__).parent / "data" / "dense"
+OTHERS = Path(__file__).parent / "data" / "others"
 LARGE, GROWN, PAGE = 600e6, 100e6, 4096
 """Bytes: of a test process that drops what it has compiled, by which it grows until it does so
 again, and of a page of memory."""
@@ -55,6 +56,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="golden cases of the dense benchmarks (default: the copy in tests/data/dense)",
     )
     parser.addoption(
+        "--others",
+        metavar="FOLDER",
+        default=str(OTHERS),
+        help="published logs of other arenas (default: the copy in tests/data/others)",
+    )
+    parser.addoption(
         "--golden-nav2",
         metavar="FOLDER",
         default=str(NAV2),
@@ -89,6 +96,11 @@ def golden_path(request: pytest.FixtureRequest) -> Path:
 @pytest.fixture(scope="session")
 def dense_folder(request: pytest.FixtureRequest) -> Path:
     return Path(str(request.config.getoption("--dense")))
+
+
+@pytest.fixture(scope="session")
+def others_folder(request: pytest.FixtureRequest) -> Path:
+    return Path(str(request.config.getoption("--others")))
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,18 @@ from ...framework.plugins.rvo2 import rvo2
 from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.errors import WideberthError
 from .base import STEP, Crowd
+from .gensafenav import (
+    BESIDE,
+    RUSHING_SHARE,
+    RUSHING_SPEED,
+    Groups,
+    Inference,
+    Shift,
+    social_force,
+)
 
 Point: TypeAlias = tuple[float, float]
-Variant: TypeAlias = Literal["plain", "random"]
+Variant: TypeAlias = Literal["plain", "random", "gensafenav"]
 Phase: TypeAlias = Literal["validation", "test"]
 Outcome: TypeAlias = Literal["", "success", "collision", "timeout"]
 
@@ -39,7 +48,7 @@ HORIZON = 5
 INTRUSION = 0.6
 """m between the robot's centre and a future centre of a person; whatever the radii."""
 GOAL_PERIOD = 5.0
-"""s; as often, each person changes their goal with a chance of 1/2 (``random``)."""
+"""s; as often, each person changes their goal with a chance of 1/2 (not in ``plain``)."""
 OFFSET: dict[Phase, int] = {"validation": 0, "test": 1000}
 """First seed of each phase."""
 DRAWS = 10000
@@ -66,6 +75,8 @@ class CrowdNavPlusVerdict:
     intrusions : m, of each state in which the robot stood where a person whom it sees will be
         soon: the least distance from its centre to such a future centre.
     way : m, that the robot has gone from state to state.
+    in_groups : number of judged states in which the robot stood between the members of a group;
+        None where there are no groups.
     """
 
     outcome: Outcome = ""
@@ -73,14 +84,21 @@ class CrowdNavPlusVerdict:
     steps: int = 0
     intrusions: list[float] = field(default_factory=list)
     way: float = 0.0
+    in_groups: int | None = None
 
     def row(self) -> dict[str, Any]:
         """Return it as columns of a table; of a case that was cut short as a timeout.
 
         ``intrusion_percent`` is the share of the judged states with an intrusion, and
-        ``intrusion_distance_m`` the mean of their distances, None without any.
+        ``intrusion_distance_m`` the mean of their distances, None without any. With groups,
+        ``group_percent`` is the share of the judged states between the members of one.
         """
         near = self.intrusions
+        groups = (
+            {}
+            if self.in_groups is None
+            else {"group_percent": 100.0 * self.in_groups / self.steps}
+        )
         return {
             "outcome": self.outcome or "timeout",
             "time_s": self.time,
@@ -89,6 +107,7 @@ class CrowdNavPlusVerdict:
             "intrusion_percent": 100.0 * len(near) / self.steps,
             "intrusion_distance_m": float(np.mean(near)) if near else None,
             "way_m": self.way,
+            **groups,
         }
 
 
@@ -105,14 +124,19 @@ class CrowdNavPlusCrowd(Crowd):
     ----------
     case : from 0; with the seed it gives the generator, ``RandomState(offset + case + seed)``.
     variant : "random" draws radius, preferred speed and ORCA's neighbour distance of each, and
-        has people change their goals.
+        has people change their goals; "gensafenav" also draws what GenSafeNav's code draws
+        between, see `Inference`.
     seed : S of the original, its "thisSeed".
     phase : "test" or "validation".
+    shift : how people differ, see `CrowdNavPlus`. Its own draws are from another generator, so
+        that a case begins as it does without.
 
     Attributes
     ----------
+    variant, shift : as given.
     positions, velocities, goals : (20, 2), m and m/s, of the people in their slots.
     radii, speeds : (20,), m and m/s; the preferred speed is used as the largest one.
+    paces : (20,), m/s, with which people walk by ORCA who are alone.
     neighbour_distances : (20,), m, as drawn.
     arrivals : (20,), how many have had this slot before.
     seen : (20,), whether the robot saw who was in this slot when it looked last.
@@ -122,27 +146,47 @@ class CrowdNavPlusCrowd(Crowd):
     futures : (5, 20, 2), m, people's places at the next steps if no one changed their goal.
     """
 
-    def __init__(self, case: int, variant: Variant, seed: int, phase: Phase = "test") -> None:
-        self._rng: Any = np.random.RandomState(OFFSET[phase] + case + seed)
-        self.random: bool = variant == "random"
+    def __init__(
+        self,
+        case: int,
+        variant: Variant,
+        seed: int,
+        phase: Phase = "test",
+        shift: Shift = "none",
+    ) -> None:
+        first = OFFSET[phase] + case + seed
+        self._rng: Any = np.random.RandomState(first)
+        self._own: np.random.Generator = np.random.default_rng(first)
+        self.random: bool = variant != "plain"
+        self.variant: Variant = variant
+        self.shift: Shift = shift
+        self._inference = Inference(self._rng, PEOPLE) if variant == "gensafenav" else None
+        self._groups = Groups(self._own, PEOPLE) if shift == "groups" else None
         self.ticks: int = 0
-        self.verdict: CrowdNavPlusVerdict = CrowdNavPlusVerdict()
+        self.verdict: CrowdNavPlusVerdict = CrowdNavPlusVerdict(
+            in_groups=0 if self._groups else None
+        )
         self._nearest: float = NEIGHBOUR_DISTANCE  # one variable for all, as there
-        self.positions: Array = np.zeros((0, 2))
-        self.goals: Array = np.zeros((0, 2))
-        self.radii: Array = np.zeros(0)
-        self.speeds: Array = np.zeros(0)
-        self.neighbour_distances: Array = np.zeros(0)
+        self.positions: Array = np.zeros((PEOPLE, 2))
+        self.velocities: Array = np.zeros((PEOPLE, 2))
+        self.goals: Array = np.zeros((PEOPLE, 2))
+        self.radii: Array = np.zeros(PEOPLE)
+        self.speeds: Array = np.zeros(PEOPLE)
+        self.paces: Array = np.zeros(PEOPLE)
+        self.neighbour_distances: Array = np.zeros(PEOPLE)
         robot, goal = self._draw_robot()
         self.robot: Array = robot
         self.robot_goal: Array = goal
-        for _ in range(PEOPLE):
-            self._add(self._draw_person())
-        self.velocities: Array = np.zeros((PEOPLE, 2))
+        self._led = self._groups.led if self._groups else {i: [] for i in range(PEOPLE)}
+        self._present = 0
+        for leader in self._led:
+            self._renew(leader)
         self.arrivals: NDArray[np.int64] = np.zeros(PEOPLE, dtype=np.int64)
         self.believed: Array = np.tile([*UNSEEN, 0.0, 0.0, RADIUS], (PEOPLE, 1))
         self._minds = _Minds(self.random)
         self._look()
+        if self._inference:
+            self._inference.follow(self.positions, self.seen, self.positions, self.robot)
         self._decide()
         self._judge()
 
@@ -176,9 +220,13 @@ class CrowdNavPlusCrowd(Crowd):
         self.velocities = self._actions
         self.ticks += 1
         self._look()
+        looked = self.positions
         if self.random and self.ticks % round(GOAL_PERIOD / STEP) == 0:
             self._change_goals()
         self._replace()
+        if self._inference:
+            self._inference.learn()
+            self._inference.follow(looked, self.seen, self.positions, self.robot)
         self._decide()
         return self._judge()
 
@@ -188,28 +236,43 @@ class CrowdNavPlusCrowd(Crowd):
             if hypot(px - gx, py - gy) >= LEAST_WAY:
                 return np.array([px, py]), np.array([gx, gy])
 
-    def _draw_person(self) -> tuple[Array, float, float, float]:
-        """Draw a person: start, radius, speed and neighbour distance."""
+    def _renew(self, leader: int) -> None:
+        """Draw a person, and who walks with them."""
+        self._draw_person(leader, None)
+        for slot in self._led[leader]:
+            self._draw_person(slot, leader)
+
+    def _draw_person(self, slot: int, leader: int | None) -> None:
+        """Draw who is in a slot from now on, beside a leader if there is one."""
         rng = self._rng
-        speed, radius = 1.0, RADIUS
+        speed, radius, pace = 1.0, RADIUS, 1.0
         if self.random:
             self._nearest = rng.uniform(5.0, 10.0)
+            if self._inference:
+                self._inference.meet(slot)
             speed, radius = rng.uniform(0.5, 1.5), rng.uniform(0.3, 0.5)
+        if self.shift == "rushing" and self._own.random() < RUSHING_SHARE:
+            speed = pace = RUSHING_SPEED
 
         def draw() -> Point:
             angle = rng.random_sample() * pi * 2.0
             dx, dy = rng.uniform(0.0, 1.0) * 2.0, rng.uniform(0.0, 1.0) * 2.0
             return CIRCLE * cos(angle) + dx, CIRCLE * sin(angle) + dy
 
-        return self._free(draw, radius, [*range(len(self.radii))]), radius, speed, self._nearest
+        def draw_beside() -> Point:
+            x, y = self._own.normal(self.positions[leader], BESIDE)
+            return float(x), float(y)
 
-    def _add(self, drawn: tuple[Array, float, float, float]) -> None:
-        start, radius, speed, nearest = drawn
-        self.positions = np.concatenate([self.positions, start[None]])
-        self.goals = np.concatenate([self.goals, -start[None]])
-        self.radii = np.append(self.radii, radius)
-        self.speeds = np.append(self.speeds, speed)
-        self.neighbour_distances = np.append(self.neighbour_distances, nearest)
+        everyone = [*range(self._present)]
+        start = self._free(draw if leader is None else draw_beside, radius, everyone)
+        goal = -start
+        if leader is not None:
+            speed = self.speeds[leader]
+            goal = self.goals[leader] + start - self.positions[leader]
+        self.positions[slot], self.velocities[slot], self.goals[slot] = start, 0.0, goal
+        self.radii[slot], self.speeds[slot], self.paces[slot] = radius, speed, pace
+        self.neighbour_distances[slot] = self._nearest
+        self._present = max(self._present, slot + 1)
 
     def _free(self, draw: Any, radius: float, others: list[int]) -> Array:
         """Draw a place until it is free of these people and the robot, and of their goals."""
@@ -226,9 +289,9 @@ class CrowdNavPlusCrowd(Crowd):
         )
 
     def _change_goals(self) -> None:
-        """Give each person a new goal with a chance of 1/2."""
+        """Give each person, and who walks with them, a new goal with a chance of 1/2."""
         rng = self._rng
-        for i in range(PEOPLE):
+        for i, led in self._led.items():
             if rng.random_sample() <= 0.5:
                 speed = self.speeds[i]
 
@@ -238,23 +301,23 @@ class CrowdNavPlusCrowd(Crowd):
                     dy = (rng.random_sample() - 0.5) * speed
                     return CIRCLE * cos(angle) + dx, CIRCLE * sin(angle) + dy
 
-                others = [j for j in range(PEOPLE) if j != i]
-                self.goals[i] = self._free(draw, float(self.radii[i]), others)
+                others = [j for j in range(PEOPLE) if j not in (i, *led)]
+                goal = self._free(draw, float(self.radii[i]), others)
+                self.goals[led] += goal - self.goals[i]
+                self.goals[i] = goal
 
     def _replace(self) -> None:
-        """Put another person into the slot of each one who has arrived.
+        """Put others into the slots of each one who has arrived, and of who walks with them.
 
         The one who arrived still counts as present while the new place is drawn.
         """
         self.positions, self.velocities = self.positions.copy(), self.velocities.copy()
-        for i in range(PEOPLE):
+        for i, led in self._led.items():
             if hypot(*(self.goals[i] - self.positions[i])) < self.radii[i]:
-                start, radius, speed, nearest = self._draw_person()
-                self.positions[i], self.goals[i], self.velocities[i] = start, -start, 0.0
-                self.radii[i], self.speeds[i] = radius, speed
-                self.neighbour_distances[i] = nearest
-                self.arrivals[i] += 1
-                self._minds.forget(i)
+                self._renew(i)
+                for slot in (i, *led):
+                    self.arrivals[slot] += 1
+                    self._minds.forget(slot)
 
     def _look(self) -> None:
         """See who is near, and believe the others to go on."""
@@ -270,17 +333,30 @@ class CrowdNavPlusCrowd(Crowd):
         self._minds.meet(self.radii, self._nearest)
         places, velocities, futures = self.positions, self.velocities, []
         for ahead in range(HORIZON):
-            velocities = self._minds.decide(places, velocities, self.goals, self.speeds)
+            velocities = self._next_velocities(places, velocities)
             places = places + STEP * velocities
             futures.append(places)
             if not ahead:
                 self._actions: Array = velocities
         self.futures: Array = np.stack(futures)
 
+    def _next_velocities(self, places: Array, velocities: Array) -> Array:
+        """Return what all people decide who are here, and so fast, (20, 2), m/s."""
+        if self.shift == "social_force":
+            return social_force(places, velocities, self.goals, self.radii, self.speeds)
+        paces = self.paces[:, None]
+        wanted = paces * towards((self.goals - places) / paces)
+        if self._groups:
+            wanted = wanted + self._groups.pull(places)
+        return self._minds.decide(places, velocities, wanted, self.speeds)
+
     def _judge(self) -> Outcome:
         """Judge the present state, see the class."""
         found = self.verdict
         found.time, found.steps = self.time, found.steps + 1
+        if self._groups:
+            assert found.in_groups is not None
+            found.in_groups += self._groups.entered(self.positions, self.robot, RADIUS)
         apart = np.hypot(*(self.positions - self.robot).T) - self.radii - RADIUS
         if self.time >= LIMIT:
             found.outcome = "timeout"
@@ -329,9 +405,8 @@ class _Minds:
         self._shared.append((made, self._without))
         self._without = set()
 
-    def decide(self, places: Array, velocities: Array, goals: Array, speeds: Array) -> Array:
-        """Return the next velocity of each agent, (20, 2), m/s."""
-        wanted = towards(goals - places)
+    def decide(self, places: Array, velocities: Array, wanted: Array, speeds: Array) -> Array:
+        """Return the next velocity of each agent, (20, 2), m/s, from the one that it prefers."""
         found = np.empty((PEOPLE, 2))
         for world, members in self._shared:
             for i, (place, velocity) in enumerate(zip(places, velocities, strict=True)):

@@ -9,12 +9,8 @@ from ...framework.values.arrays import checked_choice, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ..crowds.base import CrowdWorld
-from ..crowds.crowdnav_plus import (
-    RADIUS,
-    CrowdNavPlusCrowd,
-    Phase,
-    Variant,
-)
+from ..crowds.crowdnav_plus import RADIUS, CrowdNavPlusCrowd, Phase, Variant
+from ..crowds.gensafenav import Shift
 from ..engine.settings import Settings
 from ..engine.world import Rules
 from .base import Cast, Placement, Scenario
@@ -34,12 +30,15 @@ class CrowdNavPlusRules(Rules):
     variant: Variant
     seed: int
     phase: Phase
+    shift: Shift
 
     def world(self, settings: Settings) -> CrowdWorld:
         """Return the case at time 0."""
-        return CrowdWorld(
-            CrowdNavPlusCrowd(self.case, self.variant, self.seed, self.phase), settings
-        )
+        return CrowdWorld(self.crowd(), settings)
+
+    def crowd(self) -> CrowdNavPlusCrowd:
+        """Return the people of the case at time 0."""
+        return CrowdNavPlusCrowd(self.case, self.variant, self.seed, self.phase, self.shift)
 
 
 @final
@@ -51,7 +50,9 @@ class CrowdNavPlus(Scenario):
     see it, cross a circle of 8.49 m by ORCA; a person who arrives is replaced by another at a
     drawn place on the circle. In the variant "random" the radius (0.3 to 0.5 m), preferred speed
     (0.5 to 1.5 m/s) and neighbour distance of each are drawn, and every 5 s each changes the goal
-    with a chance of 1/2. The robot sees people up to 5 m away (between surfaces).
+    with a chance of 1/2. The variant "gensafenav" is the one in which GenSafeNav tests: "random",
+    but with other draws, since its conformal inference takes some from the same generator. The
+    robot sees people up to 5 m away (between surfaces).
 
     The rules judge the state every 0.25 s before anybody moves: timeout (49 s), collision (an
     overlap at that instant), success (the robot's centre within 0.3 m of the goal). The row of a
@@ -73,6 +74,11 @@ class CrowdNavPlus(Scenario):
     cases : "evaluated" for those that the original's logs have: seed k is the evaluation k;
         "all" for seed k as the case k.
     phase : "test", or "validation" to choose settings on, with any number of cases.
+    shift : how people differ from those, as in GenSafeNav's tests out of distribution.
+        "social_force": all walk by the social force of its code, which is exact. "rushing": each
+        prefers 2 m/s, with a chance of 1/5. "groups": they walk in groups of 2 to 4 that have one
+        goal and one speed, change it and are replaced together; the row has ``group_percent``.
+        Its code has neither of these two, so that their numbers are ours.
 
     Raises
     ------
@@ -81,7 +87,8 @@ class CrowdNavPlus(Scenario):
     References
     ----------
     S. Liu et al., Intention aware robot crowd navigation with attention-based interaction graph
-    (2023), and its code.
+    (2023), and its code. J. Yao et al., Towards generalizable safety in crowd navigation via
+    conformal uncertainty handling (2025), and its code.
     """
 
     reference: ClassVar[str] = "liu2023intention"
@@ -90,12 +97,14 @@ class CrowdNavPlus(Scenario):
     seed: int = 425
     cases: Literal["evaluated", "all"] = "evaluated"
     phase: Phase = "test"
+    shift: Shift = "none"
     robot_radius = RADIUS
 
     def __post_init__(self) -> None:
         checked_choice("crowdnav_plus.variant", self.variant, Variant)
         checked_choice("crowdnav_plus.cases", self.cases, Literal["evaluated", "all"])
         checked_choice("crowdnav_plus.phase", self.phase, Phase)
+        checked_choice("crowdnav_plus.shift", self.shift, Shift)
         whole("crowdnav_plus.seed", self.seed, least=0)
         if self.seed > MOST:
             raise WideberthError(
@@ -118,10 +127,10 @@ class CrowdNavPlus(Scenario):
         return _placed(self._rules(int(rng.integers(CASES))))
 
     def _rules(self, case: int) -> CrowdNavPlusRules:
-        return CrowdNavPlusRules(case, self.variant, self.seed, self.phase)
+        return CrowdNavPlusRules(case, self.variant, self.seed, self.phase, self.shift)
 
 
 def _placed(rules: CrowdNavPlusRules) -> tuple[Placement, ...]:
-    crowd = CrowdNavPlusCrowd(rules.case, rules.variant, rules.seed, rules.phase)
+    crowd = rules.crowd()
     way = Path(np.stack([crowd.robot, crowd.robot_goal]))
     return (Placement("robot", way, 0.0, reference_speed=1.0),)

@@ -22,13 +22,14 @@ from wideberth.simulation.crowds.crowdsimplus import (
     CrowdSimPlusCrowd,
     orca_velocity,
 )
+from wideberth.simulation.crowds.gensafenav import HIDDEN
 from wideberth.simulation.scenarios.crowdnav_plus import CrowdNavPlus
 from wideberth.simulation.scenarios.crowdsimplus import CrowdSimPlus
 
 
 @final
 class CrowdNavPlusOrca:
-    """The original's ORCA robot.
+    """The original's ORCA robot; GenSafeNav's in its variant, see `perceived`.
 
     Its simulator is made in the first step of the process, that of case 0, and never again: in
     the variant "random" its neighbour distance is that of the last person of case 0, and
@@ -45,8 +46,7 @@ class CrowdNavPlusOrca:
         self, variant: Variant, seed: int, phase: Phase = "test", *, informed: bool = False
     ) -> None:
         self._informed = informed
-        radii, nearest = _first_beliefs(variant, seed, phase)
-        self._world = simulator(np.append(RADIUS, radii), nearest)
+        self._world = simulator(*_first_radii(variant, seed, phase))
 
     def act(self, crowd: CrowdNavPlusCrowd, velocity: Array) -> Array:
         """Return the next velocity, (2,), m/s, of a robot with this one now."""
@@ -58,7 +58,7 @@ class CrowdNavPlusOrca:
         world.set_agent_velocity(0, tuple(velocity.tolist()))
         wanted = towards(crowd.robot_goal - crowd.robot)
         world.set_agent_pref_velocity(0, tuple(wanted.tolist()))
-        for i, (x, y, vx, vy, _) in enumerate(crowd.believed.tolist(), start=1):
+        for i, (x, y, vx, vy, _) in enumerate(perceived(crowd).tolist(), start=1):
             world.set_agent_position(i, (x, y))
             world.set_agent_velocity(i, (vx, vy))
             world.set_agent_max_neighbors(i, 0)
@@ -67,11 +67,27 @@ class CrowdNavPlusOrca:
         return np.array([best.x, best.y])
 
 
+def perceived(crowd: CrowdNavPlusCrowd) -> Array:
+    """Return the bodies that the original's robots reckon with, (N, 5): x, y, vx, vy, radius.
+
+    CrowdNav++ gives them its beliefs; GenSafeNav the truth of now and of each of the next five
+    steps, all as bodies that are there now, with those who are not seen at (15, 15).
+    """
+    if crowd.variant != "gensafenav":
+        return crowd.believed
+    places = np.concatenate([crowd.positions[None], crowd.futures])
+    velocities = np.concatenate([crowd.velocities[None], np.diff(places, axis=0) / STEP])
+    places[:, ~crowd.seen], velocities[:, ~crowd.seen] = HIDDEN, 0.0
+    radii = np.tile(crowd.believed[:, 4], len(places))
+    return np.column_stack([places.reshape(-1, 2), velocities.reshape(-1, 2), radii])
+
+
 @lru_cache(maxsize=8)
-def _first_beliefs(variant: Variant, seed: int, phase: Phase) -> tuple[Array, float]:
-    """Radii believed at time 0 of case 0, (20,), m, and the last neighbour distance drawn, m."""
+def _first_radii(variant: Variant, seed: int, phase: Phase) -> tuple[Array, float]:
+    """Radii of all bodies at time 0 of case 0, m, and the last neighbour distance drawn, m."""
     first = CrowdNavPlusCrowd(0, variant, seed, phase)
-    return first.believed[:, 4].copy(), float(first.neighbour_distances[-1])
+    radii = np.append(RADIUS, perceived(first)[:, 4])
+    return radii, float(first.neighbour_distances[-1])
 
 
 @final
@@ -80,10 +96,10 @@ class SocialForceRobot:
 
     def act(self, crowd: CrowdNavPlusCrowd, velocity: Array) -> Array:
         """Return the next velocity, (2,), m/s, of a robot with this one now."""
-        way = crowd.robot_goal - crowd.robot
-        apart = crowd.robot - crowd.believed[:, :2]
+        way, bodies = crowd.robot_goal - crowd.robot, perceived(crowd)
+        apart = crowd.robot - bodies[:, :2]
         distance = np.hypot(*apart.T)
-        push = 2.0 * np.exp(RADIUS + crowd.believed[:, 4] - distance) / distance
+        push = 2.0 * np.exp(RADIUS + bodies[:, 4] - distance) / distance
         force = way / hypot(*way) - velocity + push @ apart
         found = velocity + STEP * force
         speed = hypot(*found)
@@ -91,7 +107,12 @@ class SocialForceRobot:
 
 
 def plus_row(scenario: CrowdNavPlus, seed: int, robot: str) -> dict[str, Any]:
-    """Play the case of a seed with one of the original's robots, and return its row.
+    """Play the case of a seed with one of the original's robots, and return its row."""
+    return plus_played(scenario, seed, robot).verdict_row()
+
+
+def plus_played(scenario: CrowdNavPlus, seed: int, robot: str) -> CrowdNavPlusCrowd:
+    """Play the case of a seed with one of the original's robots to its end.
 
     Parameters
     ----------
@@ -99,7 +120,7 @@ def plus_row(scenario: CrowdNavPlus, seed: int, robot: str) -> dict[str, Any]:
         part of the original.
     """
     case, variant, phase = scenario.case(seed), scenario.variant, scenario.phase
-    crowd = CrowdNavPlusCrowd(case, variant, scenario.seed, phase)
+    crowd = CrowdNavPlusCrowd(case, variant, scenario.seed, phase, scenario.shift)
     who: CrowdNavPlusOrca | SocialForceRobot = SocialForceRobot()
     if robot != "social_force":
         informed = robot == "orca_informed"
@@ -108,7 +129,7 @@ def plus_row(scenario: CrowdNavPlus, seed: int, robot: str) -> dict[str, Any]:
     while not crowd.verdict.outcome:
         velocity = who.act(crowd, velocity)
         crowd.step(crowd.robot + STEP * velocity)
-    return crowd.verdict_row()
+    return crowd
 
 
 @final
