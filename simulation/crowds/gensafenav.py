@@ -32,8 +32,8 @@ RUSHING_SHARE = 0.2
 RUSHING_SPEED = 2.0
 """m/s, of people who rush, as an account of the original's paper has it."""
 
-SIZES = (2, 5)
-"""Least size of a group, and the largest one plus 1; our guess."""
+LEAST, MOST = 2, 4
+"""Sizes of a group; our guess."""
 BESIDE = 1.0
 """m, standard deviation of a member's place around that of the leader, in x and in y."""
 COHESION = 1.0
@@ -116,7 +116,7 @@ def social_force(
 
 @final
 class Groups:
-    """Who walks with whom: groups of 2 to 4, each behind the slot that leads it.
+    """Who walks with whom: groups of 2 to 4, each behind the slot that leads it, and no one alone.
 
     The law of how members keep together is that of Moussaïd et al., The walking behaviour of
     pedestrian social groups (2010), as a velocity: who is farther than (n - 1) / 2 m from the
@@ -136,9 +136,10 @@ class Groups:
     def __init__(self, rng: np.random.Generator, people: int) -> None:
         leaders: list[int] = []
         while len(leaders) < people:
-            size = int(rng.integers(*SIZES))
+            left = people - len(leaders)
+            size = left if left <= MOST else int(rng.integers(LEAST, min(MOST, left - LEAST) + 1))
             leaders += [len(leaders)] * size
-        self.leaders: NDArray[np.int64] = np.array(leaders[:people])
+        self.leaders: NDArray[np.int64] = np.array(leaders)
         self.led: dict[int, list[int]] = {
             leader: [i for i in range(people) if self.leaders[i] == leader and i != leader]
             for leader in dict.fromkeys(leaders)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from wideberth.simulation.crowds.crowdnav_plus import CrowdNavPlusCrowd
+from wideberth.simulation.crowds.gensafenav import RUSHING_SHARE, RUSHING_SPEED, Groups, Shift
 from wideberth.simulation.scenarios.crowdnav_plus import CASES, CrowdNavPlus
 from wideberth.tests.oracles.crowd_robots import plus_played
 
@@ -85,3 +86,108 @@ def test_cases_end_as_in_runs_of_the_original(others_folder: Path) -> None:
                 np.testing.assert_allclose(
                     crowd.positions, known["people_at_the_end"], rtol=0.0, atol=1e-3
                 )
+
+
+def standing(shift: Shift, case: int = 0) -> CrowdNavPlusCrowd:
+    """Return a case of validation whose robot has not moved."""
+    return CrowdNavPlusCrowd(case, "gensafenav", 42, "validation", shift)
+
+
+@pytest.mark.parametrize("shift", ["rushing", "social_force"])
+def test_a_case_begins_as_without_a_shift(shift: Shift) -> None:
+    np.testing.assert_array_equal(standing(shift).positions, standing("none").positions)
+
+
+def test_some_rush_and_the_others_keep_to_their_speeds() -> None:
+    crowds = [standing("rushing", case) for case in range(40)]
+    rushing = np.concatenate([crowd.paces == RUSHING_SPEED for crowd in crowds])
+    spread = np.sqrt(RUSHING_SHARE * (1.0 - RUSHING_SHARE) / len(rushing))
+    assert abs(rushing.mean() - RUSHING_SHARE) < 3.0 * spread
+    fastest = np.zeros(20)
+    for crowd in crowds[:4]:
+        for _ in range(8):
+            crowd.step(crowd.robot)
+            speed = np.hypot(*crowd.velocities.T)
+            assert (speed < crowd.speeds + 1e-6).all()
+            fastest = np.maximum(fastest, np.where(crowd.paces > 1.0, speed, 0.0))
+    assert 1.95 < fastest.max() <= RUSHING_SPEED + 1e-6
+
+
+def test_people_by_social_force_follow_its_equation() -> None:
+    """Person by person, force by force."""
+    crowd = standing("social_force")
+    for _ in range(12):
+        crowd.step(crowd.robot)
+    for i in range(20):
+        way = crowd.goals[i] - crowd.positions[i]
+        force = way / np.hypot(*way) * crowd.speeds[i] - crowd.velocities[i]
+        for j in set(range(20)) - {i}:
+            apart = crowd.positions[i] - crowd.positions[j]
+            distance = np.hypot(*apart)
+            reach = crowd.radii[i] + crowd.radii[j] - distance
+            force = force + 2.0 * np.exp(reach / 1.0) * apart / distance
+        wanted = crowd.velocities[i] + 0.25 * force
+        wanted *= min(1.0, crowd.speeds[i] / np.hypot(*wanted))
+        np.testing.assert_allclose(
+            crowd.ahead[i], crowd.positions[i] + 0.25 * wanted, rtol=0.0, atol=1e-12
+        )
+
+
+def test_groups_walk_turn_and_leave_together() -> None:
+    apart, alone, left = [], 0, 0
+    for case in range(4):
+        crowd = standing("groups", case)
+        led = Groups(np.random.default_rng(42 + case), 20).led
+        assert sorted([*led, *(i for group in led.values() for i in group)]) == [*range(20)]
+        assert all(len(group) < 4 for group in led.values())
+        while crowd.time < 20.0:
+            between, arrivals = crowd.goals.copy(), crowd.arrivals.copy()
+            crowd.step(np.array([30.0, 30.0]))
+            for leader, others in led.items():
+                alone += not others
+                for i in others:
+                    assert crowd.arrivals[i] == crowd.arrivals[leader]
+                    assert crowd.speeds[i] == crowd.speeds[leader]
+                    if crowd.arrivals[i] == arrivals[i]:
+                        now = crowd.goals[i] - crowd.goals[leader]
+                        before = between[i] - between[leader]
+                        np.testing.assert_allclose(now, before, rtol=0.0, atol=1e-12)
+                    apart.append(np.hypot(*(crowd.positions[i] - crowd.positions[leader])))
+        left += int(crowd.arrivals.sum())
+    assert left and not alone
+    assert np.median(apart) < 2.0 and np.quantile(apart, 0.95) < 5.0
+
+
+def test_a_group_draws_in_who_is_too_far() -> None:
+    """Of four people 2 m from their centre each is 0.5 m too far; of three at 1 m none is."""
+    groups = Groups(np.random.default_rng(0), 7)
+    groups.leaders[:] = [0, 0, 0, 0, 4, 4, 4]
+    square = np.array([[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0], [0.0, -2.0]])
+    angles = 2.0 * np.pi * np.arange(3) / 3.0
+    places = np.vstack([square, 9.0 + np.column_stack([np.cos(angles), np.sin(angles)])])
+    pull = groups.pull(places)
+    np.testing.assert_allclose(pull[:4], -0.25 * square, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(pull[4:], 0.0, rtol=0.0, atol=1e-12)
+
+
+def test_the_share_between_members_of_a_group() -> None:
+    """Inside means near a mean of its members with some weights; dense draws of them say so."""
+    rng = np.random.default_rng(3)
+    places = rng.uniform(-4.0, 4.0, (20, 2))
+    groups = Groups(rng, 20)
+    robots = rng.uniform(-4.0, 4.0, (60, 2))
+    found = [groups.entered(places, robot, 0.3) for robot in robots]
+    means = np.vstack(
+        [
+            rng.dirichlet(np.full(1 + len(led), 0.4), 4000) @ places[[leader, *led]]
+            for leader, led in groups.led.items()
+        ]
+    )
+    least = np.array([np.hypot(*(means - robot).T).min() for robot in robots])
+    assert all(inside for inside, near in zip(found, least, strict=True) if near < 0.3)
+    assert not any(inside for inside, near in zip(found, least, strict=True) if near > 0.35)
+    assert 0 < sum(found) < 60
+    crowd = standing("groups")
+    crowd.step(crowd.positions[0])
+    assert 0.0 < crowd.verdict_row()["group_percent"] <= 100.0
+    assert "group_percent" not in standing("none").verdict_row()
