@@ -174,3 +174,17 @@ def test_clearances_need_a_body() -> None:
         Rerouting((), 1.0, ())
     with pytest.raises(WideberthError, match=r"rerouting\.radius is 0"):
         Rerouting((box((0, 0), (1, 1)),), 0.0)
+
+
+def test_a_robot_that_has_left_its_route_gets_another_one() -> None:
+    """Pushed beside the door, it is led back to its mouth, not through the wall."""
+    routes = Rerouting(HALL, radius=1.0)
+    first = routes.update(0.0, START, [GOAL])
+    assert routes.update(1.0, (5.0, 4.2), [GOAL]) is first, "it is beside it by less"
+    beside = (8.5, 0.8)
+    route = routes.update(2.0, beside, [GOAL])
+    assert route is not first and route.path is not None
+    np.testing.assert_array_equal(route.path.points[0], beside)
+    assert passed(route.path, LOW) < 0.6
+    assert routes.update(3.0, (8.5, 7.0), [GOAL]) is route, "not before its patience is over"
+    assert routes.update(5.5, (8.5, 7.0), [GOAL]) is not route

@@ -119,13 +119,13 @@ def test_no_plan_and_no_command_is_backwards(name: str, iterations: int) -> None
 # ---- The starting point
 
 
-def posed(robot: Robot, heading: float, **settings: Any) -> Any:
+def posed(robot: Robot, heading: float, path: Path = EAST, **settings: Any) -> Any:
     """Problem, numbers and first guess of a planner whose robot stands and looks that way."""
     made: Planner = build(
         "controllers",
         {"type": "recommended", "robot": robot, "reference_speed": SPEED, **settings},
     )
-    made.set_path(EAST)
+    made.set_path(path)
     state = robot.state_at(Pose((0.0, 0.0), heading), Twist((0.0,) * robot.dimension))
     made.command(Observation(0.0, np.array(state, dtype=np.float64)))
     return made.explain()
@@ -152,6 +152,14 @@ def test_who_faces_away(robot: Robot, heading: float, away: bool, cost: str) -> 
     model = progress_robot_of(robot) if cost == "contouring" else robot
     assert faces_away(model, found.parameters) == away
     assert len(found.guesses) == 1 + away
+
+
+def test_a_way_that_begins_behind_it_is_one_to_turn_to() -> None:
+    """Round a wall, where most of the reference lies ahead."""
+    around = Path([(0.0, 0.0), (-1.0, 0.0), (-1.0, 1.0), (8.0, 1.0)])
+    found = posed(forwards("unicycle"), 0.0, around)
+    assert found.parameters.reference[:, 0].mean() > 0.0
+    assert faces_away(forwards("unicycle"), found.parameters)
 
 
 @pytest.mark.parametrize("name", ["unicycle", "differential_drive", "unicycle_velocity"])
