@@ -6,7 +6,15 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..framework.values.arrays import FARTHEST, LATEST, Array, checked, number, positive
+from ..framework.values.arrays import (
+    FARTHEST,
+    LATEST,
+    Array,
+    checked,
+    checked_rows,
+    number,
+    positive,
+)
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Detection
 
@@ -225,9 +233,11 @@ def _checked(
     positions: ArrayLike, velocities: ArrayLike | None, radius: ArrayLike
 ) -> tuple[Array, Array, Array]:
     """Return places and velocities (K, 2), NaN where not known, and radii (K,) of sound rows."""
-    places = _rows("positions", positions)
+    places = checked_rows("positions", positions, 2, finite=False)
     count = len(places)
-    moving = np.full((count, 2), np.nan) if velocities is None else _rows("velocities", velocities)
+    moving = np.full((count, 2), np.nan)
+    if velocities is not None:
+        moving = checked_rows("velocities", velocities, 2, finite=False)
     if len(moving) != count:
         raise WideberthError(f"velocities has {len(moving)} rows; wanted {count}, as positions")
     each = np.full(count, radius) if np.ndim(radius) == 0 else radius
@@ -235,8 +245,3 @@ def _checked(
     sound = np.flatnonzero((np.abs(places) <= FARTHEST).all(axis=1))  # NaN is not
     known = np.asarray((np.abs(moving) <= FARTHEST).all(axis=1))
     return places[sound], np.where(known[:, None], moving, np.nan)[sound], radii[sound]
-
-
-def _rows(name: str, values: ArrayLike) -> Array:
-    """Return numbers (K, 2); for K = 0 any empty list will do."""
-    return checked(name, values if np.size(values) else np.empty((0, 2)), (None, 2), finite=False)

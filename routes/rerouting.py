@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..framework.route_planner import Route, RoutePlanner
-from ..framework.values.arrays import Array, checked, number, positive
+from ..framework.values.arrays import Array, checked, checked_rows, number, positive
 from ..framework.values.costmap import INSCRIBED, LETHAL, Costmap
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Detection
@@ -124,7 +124,7 @@ class Rerouting:
         people : who is seen now, by identity.
         """
         here = checked("position", position, (2,), finite=False)
-        targets = checked("waypoints", waypoints, (None, 2))
+        targets = checked_rows("waypoints", waypoints, 2)
         standing = self._standing(time, people)
         if not np.isfinite(here).all():
             return self._route or Route(None, f"the robot's position is {here.tolist()}")

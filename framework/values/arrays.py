@@ -64,6 +64,12 @@ def checked(
     return array
 
 
+def checked_rows(name: str, value: ArrayLike, columns: int, *, finite: bool = True) -> Array:
+    """Return ``value`` as `checked` does, (K, columns); where K is 0 any empty list will do."""
+    rows = value if np.size(value) else np.empty((0, columns))
+    return checked(name, rows, (None, columns), finite=finite)
+
+
 def all_finite(array: Array) -> bool:
     """Tell whether an array holds finite numbers alone; a few are asked without NumPy."""
     if array.size <= 8:

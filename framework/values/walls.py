@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Array, checked, positive
+from .arrays import Array, checked, checked_rows, positive
 from .errors import WideberthError
 from .polygon import MOST_CORNERS, THIN, Polygon, convex_parts, width_across
 
@@ -73,10 +73,9 @@ def walls_of_segments(segments: ArrayLike, width: float = 0.02) -> tuple[Polygon
     >>> [(wall.points.min(axis=0).tolist(), wall.points.max(axis=0).tolist()) for wall in walls]
     [([3.5, -0.5], [4.5, 3.5]), ([-0.5, -0.5], [4.5, 0.5])]
     """
-    rows = segments if np.size(segments) else np.empty((0, 4))
-    if np.ndim(rows) == 3:
-        rows = np.reshape(checked("segments", rows, (None, 2, 2)), (-1, 4))
-    ends = np.reshape(checked("segments", rows, (None, 4)), (-1, 2, 2))
+    if np.ndim(segments) == 3:
+        segments = np.reshape(checked("segments", segments, (None, 2, 2)), (-1, 4))
+    ends = np.reshape(checked_rows("segments", segments, 4), (-1, 2, 2))
     if positive("width", width) < THINNEST:
         raise WideberthError(f"width is {width:g} m; wanted at least {THINNEST:g} m")
     return _named(_around(start, end, 0.5 * width) for start, end in _joined(ends))

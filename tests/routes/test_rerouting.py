@@ -99,7 +99,8 @@ def test_a_route_stays_while_nothing_is_new() -> None:
     route = routes.update(0.0, START, waypoints)
     for time, rest in enumerate((waypoints, waypoints[1:], waypoints[2:])):
         assert routes.update(float(time), (3.0 + time, 5.0), rest) is route
-    assert routes.update(3.0, (6.0, 5.0), [(5.0, 6.0), GOAL]) is not route
+    assert routes.update(3.0, (17.0, 4.0), []) is route
+    assert routes.update(4.0, (6.0, 5.0), [(5.0, 6.0), GOAL]) is not route
 
 
 def test_a_person_who_stands_in_the_door_is_driven_around() -> None:

@@ -1,5 +1,7 @@
 """Walls of boxes, segments and shapes: what they cover and how far they reach."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import shapely
@@ -18,7 +20,7 @@ from wideberth.framework.values.walls import (
 )
 
 
-def together(walls: tuple[Polygon, ...]) -> shapely.Geometry:
+def together(walls: tuple[Polygon, ...]) -> Any:
     return shapely.union_all([shapely.Polygon(wall.vertices) for wall in walls])
 
 
@@ -32,9 +34,10 @@ def check_convex(walls: tuple[Polygon, ...]) -> None:
 # segments
 
 
-def lines(segments: Array) -> shapely.Geometry:
+def lines(segments: Array) -> Any:
     ends = np.reshape(segments, (-1, 2, 2))  # one of no length is a point
-    return shapely.union_all([*shapely.linestrings(ends), *shapely.points(ends).ravel()])
+    found = [*map(shapely.LineString, ends), *map(shapely.Point, np.reshape(ends, (-1, 2)))]
+    return shapely.union_all(found)
 
 
 def check_segments(segments: Array, width: float) -> tuple[Polygon, ...]:
@@ -108,7 +111,7 @@ def test_useless_segments_are_refused() -> None:
 # shapes
 
 
-def rings(rng: np.random.Generator, corners: int) -> shapely.Polygon:
+def rings(rng: np.random.Generator, corners: int) -> Any:
     """Return a star with a hole, or two, in it."""
     angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, corners))
     far = rng.uniform(3.0, 5.0, corners)
@@ -160,7 +163,9 @@ def test_lines_are_thin_walls() -> None:
 
 def test_closed_outlines_of_segments_can_be_filled() -> None:
     square = np.array([[1, 1, 2, 1], [2, 1, 2, 2], [2, 2, 1, 2], [1, 2, 1, 1.0]])
-    filled = walls_of_shapes(shapely.polygonize(shapely.linestrings(square.reshape(-1, 2, 2))))
+    filled = walls_of_shapes(
+        shapely.polygonize([*map(shapely.LineString, square.reshape(-1, 2, 2))])
+    )
     assert [shapely.Polygon(wall.vertices).area for wall in filled] == [1.0]
 
 
