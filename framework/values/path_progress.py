@@ -12,6 +12,9 @@ SHORTEST = 1e-6
 EARLY = 0.5
 """m; on a new path the first stretch is taken that comes this close to the nearest point, and
 between two calls the search reaches at least as far."""
+GROWN, LONGER, LONGEST = 0.01, 0.25, 5.0
+"""m; with each call in which the arc length has not grown by the first, the search reaches farther
+ahead by the second, up to the third."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +25,12 @@ class PathProgress:
     ----------
     path : that it follows.
     last : arc length, m, and place (D,), m, at the last call; None before the first.
+    waited : calls since the arc length has grown.
     """
 
     path: Path
     last: tuple[float, Array] | None = None
+    waited: int = 0
 
     @property
     def rest(self) -> Path:
@@ -40,16 +45,19 @@ class PathProgress:
         """Return the progress at a place, and the arc length of the nearest path point, m.
 
         The search reaches as far as the robot may have come since the last call, so that a
-        path that crosses itself or comes back is not cut short; from beside the path it reaches
-        twice that distance farther ahead, else a robot that has cut a corner would never be past
-        it. At first all of it is searched, and its earliest stretch preferred.
+        path that crosses itself or comes back is not cut short. From beside the path it reaches
+        twice that distance farther ahead, and farther still for a robot that waits: else one that
+        has cut a corner would never be past it, since its reference begins before the corner and
+        it waits for that. At first all of it is searched, and its earliest stretch preferred.
         """
         if self.last is None:
             arc = self.path.project(place, early=EARLY)
-        else:
-            before, where = self.last
-            reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
-            beside = float(np.linalg.norm(where - self.path.at(np.array([before]))[0]))
-            low, high = max(before - reach, 0.0), before + reach + 2.0 * beside
-            arc = self.path.project(place, start=low, window=high - low)
-        return PathProgress(self.path, (arc, place)), arc
+            return PathProgress(self.path, (arc, place)), arc
+        before, where = self.last
+        reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
+        beside = float(np.linalg.norm(where - self.path.at(np.array([before]))[0]))
+        ahead = reach + 2.0 * beside + min(LONGER * self.waited, LONGEST)
+        low = max(before - reach, 0.0)
+        arc = self.path.project(place, start=low, window=before + ahead - low)
+        waited = 0 if arc > before + GROWN else self.waited + 1
+        return PathProgress(self.path, (arc, place), waited), arc

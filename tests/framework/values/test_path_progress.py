@@ -1,6 +1,7 @@
 """How far along a path a robot has come."""
 
 import numpy as np
+import pytest
 
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.path_progress import PathProgress
@@ -22,6 +23,20 @@ def test_a_robot_that_cuts_a_corner_comes_past_it():
     arcs = follow(spike, np.concatenate([cut, rest]))
     assert arcs[-1] > 5.0 + 4.5, "it still looks at the leg before the corner"
     assert np.diff(arcs).min() >= 0.0
+
+
+def test_a_robot_that_waits_beside_a_spike_comes_past_it():
+    """Its reference goes to the tip and back, and it waits for that near the way back."""
+    spike = Path([(0.0, 0.0), (4.0, 0.0), (4.0, -2.0), (5.0, 10.0)])
+    there = np.array([[x, 0.3] for x in np.arange(0.0, 4.3, 0.1)])
+    arcs = follow(spike, np.concatenate([there, np.tile([4.4, 0.3], (30, 1))]))
+    assert arcs[len(there)] < 5.0 and arcs[-1] > 7.0
+
+
+def test_a_robot_that_waits_on_its_path_stays_where_it_is():
+    loop = Path([(0.0, 0.0), (4.0, 0.0), (4.0, 2.0), (2.0, 2.0), (2.0, -2.0)])
+    arcs = follow(loop, np.array([[0.0, 0.0], [1.0, 0.0], *[[1.97, 0.0]] * 50]))
+    assert arcs[-1] == pytest.approx(1.97)
 
 
 def test_a_robot_on_a_path_that_crosses_itself_goes_all_around():

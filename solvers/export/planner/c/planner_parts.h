@@ -232,7 +232,7 @@ struct scratch {
 struct path {
     int count;
     double at[POINTS][2], arc[POINTS];
-    int begun; /* whether the others are known */
+    int begun, waited; /* whether the others are known; calls since the arc length has grown */
     double last, where[2], beside; /* the last arc length, for which place, and how far from it */
 };
 

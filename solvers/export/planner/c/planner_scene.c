@@ -6,6 +6,9 @@
 #include <string.h>
 
 #define EARLY 0.5     /* m; how far behind the nearest point of a new path may be */
+#define GROWN 0.01    /* m, by which the arc length grows of a robot that does not wait */
+#define LONGER 0.25   /* m, by which the search reaches farther with each call in which it waits, */
+#define LONGEST 5.0   /* m, at most */
 #define SURPLUS 1e-3  /* by which an outer radius is enlarged, in m and relative */
 #define FAR 1e6       /* m; largest distance of a mean from the robot */
 #define WIDE 1e4      /* m; largest deviation, and radius */
@@ -54,12 +57,13 @@ double wb_advanced(struct path *path, const double *place)
 {
     double arc;
     if (!path->begun) {
-        arc = project(path, place, 0.0, INFINITY, EARLY, &path->beside);
+        arc = project(path, place, 0.0, INFINITY, EARLY, &path->beside), path->waited = 0;
     } else {
         const double reach = EARLY + 2.0 * length_of(path->where, place);
         const double low = fmax(path->last - reach, 0.0);
-        const double high = path->last + reach + 2.0 * path->beside;
-        arc = project(path, place, low, high - low, 0.0, &path->beside);
+        const double ahead = reach + 2.0 * path->beside + fmin(LONGER * path->waited, LONGEST);
+        arc = project(path, place, low, path->last + ahead - low, 0.0, &path->beside);
+        path->waited = arc > path->last + GROWN ? 0 : path->waited + 1;
     }
     path->begun = 1, path->last = arc;
     memcpy(path->where, place, sizeof(path->where));
