@@ -56,9 +56,10 @@ class Rerouting:
 
     A route is planned anew for other waypoints, where a person who has stood for ``patience`` s
     leaves less than the radius beside the rest of the path, and where the robot has come farther
-    than its radius from the path: a wall may be between. People who stand are then obstacles like
-    walls. If there is no other way, the old route stays; the next attempt follows after
-    ``patience`` s.
+    than its radius from the path: a wall may be between. It then leads to the waypoints that lie
+    ahead on the old one, so that a robot which was pushed past a waypoint does not turn back to
+    it, and people who stand are obstacles like walls. If there is no other way, the old route
+    stays; the next attempt follows after ``patience`` s.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ class Rerouting:
         since = time - self._tried
         if not 0.0 <= since < self.patience and self._left(self._route.path, here, standing):
             self._tried = time
-            found, whole = self._planned(here, targets, standing)
+            found, whole = self._planned(here, self._ahead(here, targets), standing)
             self._route = found if whole else self._route
         return self._route
 
@@ -152,6 +153,19 @@ class Rerouting:
             stays[one.ident] = stay
         self._stays = stays
         return [stay for stay in stays.values() if time - stay.since >= self.patience]
+
+    def _ahead(self, here: Array, targets: Array) -> Array:
+        """Return the waypoints that the rest of the path leads to; the last one always."""
+        import shapely
+
+        path = None if self._route is None else self._route.path
+        rest = [] if path is None else rest_of(path, here)
+        if len(rest) < 2:
+            return targets[-1:]
+        away = shapely.distance(shapely.LineString(rest), shapely.points(targets))
+        to_come = away <= self.radius
+        to_come[-1] = True
+        return targets[to_come]
 
     def _left(self, path: Path | None, here: Array, standing: list[_Stay]) -> bool:
         """Tell whether the robot has left a path, or the rest of it leads into people."""

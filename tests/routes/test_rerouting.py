@@ -189,3 +189,13 @@ def test_a_robot_that_has_left_its_route_gets_another_one() -> None:
     assert passed(route.path, LOW) < 0.6
     assert routes.update(3.0, (8.5, 7.0), [GOAL]) is route, "not before its patience is over"
     assert routes.update(5.5, (8.5, 7.0), [GOAL]) is not route
+
+
+def test_a_robot_that_was_pushed_past_a_waypoint_does_not_turn_back() -> None:
+    routes = Rerouting(HALL, radius=1.0)
+    waypoints = [(5.0, 3.5), (14.0, 3.5), GOAL]
+    routes.update(0.0, START, waypoints)
+    route = routes.update(1.0, (6.0, 1.5), waypoints)
+    assert route.path is not None and passed(route.path, (5.0, 3.5)) > 1.5
+    assert passed(route.path, (14.0, 3.5)) < 1e-9
+    assert np.diff(route.path.points[:, 0]).min() > -0.05, "it goes on"
