@@ -44,6 +44,13 @@ def read(folder: Path, seeds: Iterable[int]) -> dict[str, dict[tuple[str, int], 
     return found
 
 
+def listed(arms: Mapping[str, Cases]) -> list[Row]:
+    """One row per episode with its verdict alone, sorted."""
+    columns = "arm", "scenario", "seed", "outcome", "collided_with", "begins_in_contact", "steps"
+    rows = (row for cases in arms.values() for _, row in sorted(cases.items()))
+    return [{name: row[name] for name in columns} for row in rows]
+
+
 def counts(arms: Mapping[str, Cases]) -> list[Row]:
     """One row per arm: how its episodes end, and how long those take that succeed."""
     table = []
@@ -104,9 +111,10 @@ def by_scenario(arms: Mapping[str, Cases], base: str) -> list[Row]:
         for arm, cases in arms.items():
             here = sorted(key for key in cases if key[0] == name)
             row[arm] = f"{int(succeeds(cases, here).sum())} of {len(here)}"
-            shared = [key for key in here if key in arms[base]]
-            if arm != base and shared:
-                row[f"p, {arm}"] = mcnemar(succeeds(arms[base], shared), succeeds(cases, shared))
+            if arm != base:
+                shared = [key for key in here if key in arms[base]]
+                pair = succeeds(arms[base], shared), succeeds(cases, shared)
+                row[f"p, {arm}"] = mcnemar(*pair) if shared else math.nan
         table.append(row)
     return table
 

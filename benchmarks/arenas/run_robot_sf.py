@@ -31,6 +31,7 @@ from arms import (
     by_scenario,
     counts,
     failures,
+    listed,
     outcome_figure,
     pairs,
     read,
@@ -39,6 +40,7 @@ from arms import (
 )
 from measuring import markdown
 
+from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.framework.plugins.io import write_text
 
 CAMPAIGN = "configs/benchmarks/paper_experiment_matrix_v2_h600_s30_benchmark_data_2026_08.yaml"
@@ -225,6 +227,7 @@ def tables(options: argparse.Namespace) -> None:
     ]
     text += [markdown("Beside the rows that robot_sf ships", shipped)] if shipped else []
     write_text(out / "robot_sf.md", "\n".join(text))
+    write_table(out / "robot_sf.csv", listed(arms))
     print("\n".join(text))
     for file in outcome_figure(arms, out, "robot_sf"):
         print(file)
