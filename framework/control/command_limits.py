@@ -66,6 +66,16 @@ def turns_on_the_spot(robot: Robot, state: Array) -> bool:
     return bool(abs(attained(robot, state, [Twist((0.0,) * robot.dimension, FAST)])[0, -1]) > 0.0)
 
 
+def slower_backwards(robot: Robot, state: Array) -> bool:
+    """Whether a robot with a heading may not drive backwards as fast as ahead, or never."""
+    if robot.pose(tuple(state)).heading is None:
+        return False
+    aside = (0.0,) * (robot.dimension - 1)
+    ends = [Twist((sign * FAST, *aside)) for sign in (1.0, -1.0)]
+    ahead, back = attained(robot, state, ends)[:, 0]
+    return bool(-back < ahead)
+
+
 def broken_limit(robot: Robot, command: object) -> str:
     """Say which promise of `Controller` about commands this one breaks; "" where it keeps all.
 

@@ -10,12 +10,12 @@ head-on, perfectly symmetric encounters these are 9, 11 and 15; with all of `OTH
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, copysign, cos, pi, sin
+from math import atan2, copysign, cos, hypot, pi, sin
 from typing import Literal, TypeAlias, final
 
 import numpy as np
 
-from ...control.command_limits import FAST, attained, turns_on_the_spot
+from ...control.command_limits import FAST, attained, slower_backwards, turns_on_the_spot
 from ...robot import Robot
 from ...values.arrays import Array
 from ...values.errors import WideberthError
@@ -199,34 +199,46 @@ def faces_away(robot: Robot, parameters: Parameters) -> bool:
     """Whether the reference lies or begins behind a robot that drives backwards less fast.
 
     One that stands so is stuck at a local optimum: to turn a little brings it no nearer, nor does
-    to drive ahead. Only a robot that turns on the spot counts, which knows a way out.
+    to drive ahead. Only a robot that turns on the spot counts, which knows a way out; and for a
+    reference that ends within the robot's own disc it need not.
     """
-    start = parameters.initial.tolist()
-    pose = robot.pose(start)
+    pose = robot.pose(parameters.initial.tolist())
     if pose.heading is None:
         return False
-    steps, (ahead, left, *_) = len(parameters.reference), parameters.reference.sum(axis=0).tolist()
-    ahead, left = ahead - steps * pose.position[0], left - steps * pose.position[1]
-    look = cos(pose.heading), sin(pose.heading)
-    begins = parameters.direction[0].tolist()
-    if min(look[0] * x + look[1] * y for x, y in ((ahead, left), begins[:2])) >= 0.0:
+    heading, end = pose.heading, parameters.reference[-1].tolist()
+    begins, way = parameters.direction[0].tolist(), _to_reference(pose, parameters)
+    if not (_behind(heading, way) or _behind(heading, begins)):
         return False
-    aside = (0.0,) * (robot.dimension - 1)
-    ends = [Twist((sign * FAST, *aside)) for sign in (1.0, -1.0)]
-    fastest, back = attained(robot, parameters.initial, ends)[:, 0]
-    return bool(-back < fastest) and turns_on_the_spot(robot, parameters.initial)
+    if hypot(end[0] - pose.position[0], end[1] - pose.position[1]) <= robot.radius:
+        return False
+    start = parameters.initial
+    return slower_backwards(robot, start) and turns_on_the_spot(robot, start)
+
+
+def _to_reference(pose: Pose, parameters: Parameters) -> tuple[float, float]:
+    """Return the way from a pose to the middle of the reference, m."""
+    steps, (east, north, *_) = len(parameters.reference), parameters.reference.sum(axis=0).tolist()
+    return east / steps - pose.position[0], north / steps - pose.position[1]
+
+
+def _behind(heading: float, way: Sequence[float]) -> bool:
+    return cos(heading) * way[0] + sin(heading) * way[1] < 0.0
 
 
 def _turn(robot: Robot, parameters: Parameters, moving: Twist, steps: int, dt: float) -> Held:
     """Return the twists of ``turn``: on the spot until it looks along the path, then ``moving``.
 
-    It begins to stop turning where its yaw rate, which falls as fast as it can, brings it there.
+    Where it does that already, as beyond the end of the path, it turns to the reference. It begins
+    to stop turning where its yaw rate, which falls as fast as it can, brings it there.
     """
-    start, (ahead, left, *_) = parameters.initial, parameters.direction[0].tolist()
-    heading = robot.pose(tuple(start.tolist())).heading
+    start, way = parameters.initial, parameters.direction[0].tolist()
+    pose = robot.pose(tuple(start.tolist()))
+    heading = pose.heading
     if heading is None:
         return [(moving, steps)]
-    missing = atan2(left, ahead) - heading
+    if not _behind(heading, way):
+        way = _to_reference(pose, parameters)
+    missing = atan2(way[1], way[0]) - heading
     missing -= 2.0 * pi * round(missing / (2.0 * pi))
     sign, still, none = (
         copysign(1.0, missing),

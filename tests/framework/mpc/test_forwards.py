@@ -90,6 +90,25 @@ def test_without_the_start_it_stays_where_it_stands(name: str) -> None:
     assert np.hypot(*Drive(forwards(name), pi, 6.0, starts=()).end) < 1e-3
 
 
+@pytest.mark.parametrize("name", ["unicycle", "differential_drive", "unicycle_velocity"])
+@pytest.mark.parametrize(("start", "heading"), [(6.0, 0.4), (8.0, 0.5), (8.5, 0.0), (9.5, 0.0)])
+def test_it_rests_at_its_goal(name: str, start: float, heading: float) -> None:
+    """It neither spins there, nor turns for what lies within its disc; else it comes back."""
+    robot = forwards(name)
+    made = recommended(robot, SPEED, quiet=True)
+    made.set_path(EAST)
+    state = robot.state_at(Pose((start, 0.0), heading), Twist((0.0, 0.0)))
+    plant = KinematicPlant(robot, state, Twist((0.0, 0.0)))
+    headings = []
+    for tick in range(120):
+        plant.command(made.command(Observation(tick * made.period, np.array(plant.state))), 0.0)
+        plant.advance(tick * made.period, made.period)
+        headings.append(robot.pose(plant.state).heading)
+    assert abs(headings[-1] - headings[-30]) < 0.1  # type: ignore[operator]
+    assert abs(Drive.place(plant)[0] - 8.0) < (0.6 if start == 8.5 else 0.2)
+    assert len(made.explain().guesses) == 1
+
+
 @pytest.mark.parametrize("name", AHEAD)
 @pytest.mark.parametrize("iterations", [100, 6])
 def test_no_plan_and_no_command_is_backwards(name: str, iterations: int) -> None:
@@ -136,6 +155,7 @@ def posed(robot: Robot, heading: float, path: Path = EAST, **settings: Any) -> A
     [
         (forwards("unicycle"), pi, True),
         (forwards("unicycle"), -1.6, True),
+        (forwards("unicycle"), 1.7, True),
         (forwards("unicycle"), 1.5, False),
         (forwards("differential_drive"), 2.0 * pi, False),
         (forwards("unicycle_velocity"), 3.0 * pi, True),
@@ -156,7 +176,7 @@ def test_who_faces_away(robot: Robot, heading: float, away: bool, cost: str) -> 
 
 def test_a_way_that_begins_behind_it_is_one_to_turn_to() -> None:
     """Round a wall, where most of the reference lies ahead."""
-    around = Path([(0.0, 0.0), (-1.0, 0.0), (-1.0, 1.0), (8.0, 1.0)])
+    around = Path(np.array([(0.0, 0.0), (-1.0, 0.0), (-1.0, 1.0), (8.0, 1.0)]))
     found = posed(forwards("unicycle"), 0.0, around)
     assert found.parameters.reference[:, 0].mean() > 0.0
     assert faces_away(forwards("unicycle"), found.parameters)

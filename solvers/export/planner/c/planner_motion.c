@@ -115,36 +115,52 @@ void wb_sweep(const double *start, int name, double speed, const double *now, do
     twist[2] = sign * speed;
 }
 
+/* The way from a pose to the middle of the reference. */
+static void to_reference(const wideberth_problem *problem, const double *pose, double *way)
+{
+    int i, r;
+    way[0] = way[1] = 0.0;
+    for (i = 0; i < N; i++)
+        for (r = 0; r < 2; r++) way[r] += problem->reference[i][r];
+    for (r = 0; r < 2; r++) way[r] = way[r] / N - pose[r];
+}
+
+static int behind(const double *pose, const double *way)
+{
+    return cos(pose[2]) * way[0] + sin(pose[2]) * way[1] < 0.0;
+}
+
 /* Whether the reference lies or begins behind a robot that drives backwards less fast. */
 int wb_faces_away(const wideberth_problem *problem)
 {
     static const double ENDS[3][3] = {{BEYOND, 0.0, 0.0}, {-BEYOND, 0.0, 0.0}, {0.0, 0.0, BEYOND}};
-    double here[3], way[2] = {0.0, 0.0}, found[3][3];
-    int i, r, k;
+    const double *end = problem->reference[N - 1];
+    double here[3], way[2], found[3][3];
+    int k;
     wb_pose(problem->initial, here);
-    for (i = 0; i < N; i++)
-        for (r = 0; r < 2; r++) way[r] += problem->reference[i][r];
-    for (r = 0; r < 2; r++) way[r] -= N * here[r];
-    if (cos(here[2]) * way[0] + sin(here[2]) * way[1] >= 0.0 &&
-        cos(here[2]) * problem->direction[0][0] + sin(here[2]) * problem->direction[0][1] >= 0.0)
-        return 0;
+    to_reference(problem, here, way);
+    if (!behind(here, way) && !behind(here, problem->direction[0])) return 0;
+    if (hypot(end[0] - here[0], end[1] - here[1]) <= PLAN_RADIUS) return 0;
     for (k = 0; k < 3; k++)
         attained(wideberth_kernel_plan_drive_ever, PLAN_FOREVER, problem->initial, ENDS[k],
             found[k]);
     return -found[1][0] < found[0][0] && found[2][2] != 0.0;
 }
 
-/* The twist in which the robot turns on the spot until it looks along the path, and for how many
- * steps: its yaw rate, which falls as fast as it can, then brings it there. */
+/* The twist in which the robot turns on the spot until it looks along the path, or else to the
+ * reference, and for how many steps: its yaw rate, which falls as fast as it can, then brings it
+ * there. */
 int wb_turn(const wideberth_problem *problem, double *spin)
 {
     const double none[NU] = {0.0};
     double states[N + 1][NX], inputs[N][NU], pose[3], twist[3], opposite[3], found[3];
-    double heading, missing, sign, slowing;
+    double way[2], heading, missing, sign, slowing;
     int k;
     wb_pose(problem->initial, pose);
     heading = pose[2];
-    missing = atan2(problem->direction[0][1], problem->direction[0][0]) - heading;
+    memcpy(way, problem->direction[0], sizeof(way));
+    if (!behind(pose, way)) to_reference(problem, pose, way);
+    missing = atan2(way[1], way[0]) - heading;
     missing -= 2.0 * PI * rint(missing / (2.0 * PI));
     sign = copysign(1.0, missing);
     spin[0] = spin[1] = opposite[0] = opposite[1] = 0.0;
