@@ -159,11 +159,11 @@ class Rerouting:
         import shapely
 
         path = None if self._route is None else self._route.path
-        rest = [] if path is None else rest_of(path, here)
+        rest = targets[:0] if path is None else rest_of(path, here)
         if len(rest) < 2:
             return targets[-1:]
-        away = shapely.distance(shapely.LineString(rest), shapely.points(targets))
-        to_come = away <= self.radius
+        away = np.asarray(shapely.distance(shapely.LineString(rest), shapely.points(targets)))
+        to_come = np.asarray(away <= self.radius)
         to_come[-1] = True
         return targets[to_come]
 
