@@ -4,10 +4,10 @@ robot_sf_ll7 (https://github.com/ll7/robot_sf_ll7) is GPL-3.0-only. Nothing of i
 this script imports it from a checkout, and belongs to no wheel of ours. In one environment::
 
     pip install . ./robot_sf_ll7[benchmark] ./robot_sf_ll7/third_party/python-rvo2
-    cd benchmarks/arenas
-    python run_robot_sf.py run --checkout ROBOT_SF_LL7 --out results/robot_sf --arm orca
-    python run_robot_sf.py run --checkout ROBOT_SF_LL7 --out results/robot_sf --arm wideberth
-    python run_robot_sf.py table --checkout ROBOT_SF_LL7 --out results/robot_sf
+    run="python benchmarks/arenas/run_robot_sf.py"
+    $run run --checkout robot_sf_ll7 --out results/robot_sf --arm orca
+    $run run --checkout robot_sf_ll7 --out results/robot_sf --arm wideberth
+    $run table --checkout robot_sf_ll7 --out results/robot_sf
 
 An arm is ``wideberth`` (`robot_sf_arm.py`, its settings in `robot_sf.yaml`) or a key of their
 campaign. Scenarios, seeds, horizon, step and judge are those of the campaign. Each episode is a
@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).parents[1]))  # the other benchmarks
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # the other benchmarks
 from arms import (
     Row,
     agreement,

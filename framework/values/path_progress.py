@@ -45,18 +45,17 @@ class PathProgress:
         """Return the progress at a place, and the arc length of the nearest path point, m.
 
         The search reaches as far as the robot may have come since the last call, so that a
-        path that crosses itself or comes back is not cut short. From beside the path it reaches
-        twice that distance farther ahead, and farther still for a robot that waits: else one that
-        has cut a corner would never be past it, since its reference begins before the corner and
-        it waits for that. At first all of it is searched, and its earliest stretch preferred.
+        path that crosses itself or comes back is not cut short. For a robot that waits it reaches
+        farther ahead with each call: else one that has cut a corner would never be past it, since
+        its reference begins before the corner and it waits for that. At first all of it is
+        searched, and its earliest stretch preferred.
         """
         if self.last is None:
             arc = self.path.project(place, early=EARLY)
             return PathProgress(self.path, (arc, place)), arc
         before, where = self.last
         reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
-        beside = float(np.linalg.norm(where - self.path.at(np.array([before]))[0]))
-        ahead = reach + 2.0 * beside + min(LONGER * self.waited, LONGEST)
+        ahead = reach + min(LONGER * self.waited, LONGEST)
         low = max(before - reach, 0.0)
         arc = self.path.project(place, start=low, window=before + ahead - low)
         waited = 0 if arc > before + GROWN else self.waited + 1

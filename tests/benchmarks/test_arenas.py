@@ -1,5 +1,6 @@
 """Our planner in other people's arenas: the arm against a made-up robot_sf, tables, rows."""
 
+import csv
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -179,3 +180,24 @@ def test_the_arm_turns_around_passes_people_and_arrives(arenas: SimpleNamespace)
     found = arm.row()
     assert found["rungs"]["optimal"] >= 0.9 * sum(found["rungs"].values())
     assert found["decision_ms_most"] >= found["decision_ms"] > 0.0
+
+
+def test_the_page_says_what_the_rows_say(arenas: SimpleNamespace) -> None:
+    """Counts of each arm, as the page's table has them."""
+    with (ARENAS / "robot_sf_rows.csv").open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    page = (ROOT / "docs" / "arenas.md").read_text()
+    for arm, name in {"wideberth": "**wideberth**", "orca": "`orca`"}.items():
+        cases = {
+            (one["scenario"], int(one["seed"])): {
+                **one,
+                "begins_in_contact": one["begins_in_contact"] == "True",
+                "time_s": 0.1 * int(one["steps"]),
+            }
+            for one in rows
+            if one["arm"] == arm
+        }
+        (found,) = arenas.arms.counts({arm: cases})
+        ends = "success", "share", "begin in contact", "hit a wall", "hit a person", "timeout"
+        cells = [name, "1440", *(str(found[end]) for end in ends)]
+        assert f"| {' | '.join(cells)} |" in page

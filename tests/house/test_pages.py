@@ -140,6 +140,8 @@ def understood(words: list[str]) -> None:
             assert set(extra.split(",")) <= set(extras["optional-dependencies"]), words
     elif words[0].startswith(("python", ".")) and words[-1].endswith((".py", "/run")):
         assert (ROOT / words[-1]).is_file(), words
+    elif words[0] == "python" and words[1].endswith(".py"):
+        assert (ROOT / words[1]).is_file(), words
     else:
         known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc", "source", "python3 -m")
         assert " ".join(words).startswith(known), f"{words[0]}: check it here"

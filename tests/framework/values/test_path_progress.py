@@ -16,11 +16,11 @@ def follow(path: Path, places: np.ndarray) -> list[float]:
     return found
 
 
-def test_a_robot_that_cuts_a_corner_comes_past_it():
+def test_a_robot_that_cuts_a_corner_and_waits_comes_past_it():
     spike = Path([(0.0, 0.0), (4.0, 0.0), (4.0, -1.0), (4.4, 10.0)])
     cut = np.array([[x, 1.2] for x in np.arange(0.0, 4.01, 0.1)])
     rest = np.array([[4.04, y] for y in np.arange(1.2, 4.0, 0.1)])
-    arcs = follow(spike, np.concatenate([cut, rest]))
+    arcs = follow(spike, np.concatenate([cut, rest, np.tile(rest[-1:], (30, 1))]))
     assert arcs[-1] > 5.0 + 4.5, "it still looks at the leg before the corner"
     assert np.diff(arcs).min() >= 0.0
 

@@ -233,7 +233,7 @@ struct path {
     int count;
     double at[POINTS][2], arc[POINTS];
     int begun, waited; /* whether the others are known; calls since the arc length has grown */
-    double last, where[2], beside; /* the last arc length, for which place, and how far from it */
+    double last, where[2];
 };
 
 struct wideberth_planner {

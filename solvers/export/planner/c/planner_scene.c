@@ -23,10 +23,9 @@ static double length_of(const double *first, const double *second)
 /* ---- The path */
 
 /* Arc length of the nearest point from `start` on, within a window; the first stretch is taken
- * whose nearest point is no more than `early` farther off than the nearest of all. `beside` is how
- * far off it is. */
+ * whose nearest point is no more than `early` farther off than the nearest of all. */
 static double project(const struct path *path, const double *place, double start, double window,
-    double early, double *beside)
+    double early)
 {
     double nearest = INFINITY, found = 0.0;
     int turn, k;
@@ -46,7 +45,7 @@ static double project(const struct path *path, const double *place, double start
             if (reach < start - 1e-12 || reach > start + window + 1e-12) away = INFINITY;
             if (turn == 0) nearest = fmin(nearest, away);
             if (turn == 0 || !(away <= nearest + early)) continue;
-            found = reach, *beside = away;
+            found = reach;
             return fmin(fmax(found, 0.0), path->arc[path->count - 1]);
         }
     }
@@ -57,12 +56,12 @@ double wb_advanced(struct path *path, const double *place)
 {
     double arc;
     if (!path->begun) {
-        arc = project(path, place, 0.0, INFINITY, EARLY, &path->beside), path->waited = 0;
+        arc = project(path, place, 0.0, INFINITY, EARLY), path->waited = 0;
     } else {
         const double reach = EARLY + 2.0 * length_of(path->where, place);
         const double low = fmax(path->last - reach, 0.0);
-        const double ahead = reach + 2.0 * path->beside + fmin(LONGER * path->waited, LONGEST);
-        arc = project(path, place, low, path->last + ahead - low, 0.0, &path->beside);
+        const double ahead = reach + fmin(LONGER * path->waited, LONGEST);
+        arc = project(path, place, low, path->last + ahead - low, 0.0);
         path->waited = arc > path->last + GROWN ? 0 : path->waited + 1;
     }
     path->begun = 1, path->last = arc;
