@@ -72,7 +72,7 @@ def test_cases_end_as_in_runs_of_the_original(others_folder: Path) -> None:
     if not path.exists():
         pytest.skip("the folder has no runs")
     for run in json.loads(path.read_text(encoding="utf-8"))["runs"]:
-        shift = "none" if run["people"] == "orca" else run["people"]
+        shift: Shift = "none" if run["people"] == "orca" else "social_force"
         scenario = CrowdNavPlus("gensafenav", run["seed"], cases="all", shift=shift)
         for known in run["rows"]:
             crowd = plus_played(scenario, known["case"], run["robot"])
