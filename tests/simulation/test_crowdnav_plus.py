@@ -265,6 +265,7 @@ def test_bad_input_gives_one_clear_error() -> None:
         ({"variant": "Random"}, "variant"),
         ({"cases": "even"}, "cases"),
         ({"phase": "train"}, "phase"),
+        ({"shift": "running"}, "shift"),
         ({"seed": -1}, "seed"),
         ({"seed": 2**31}, "seed"),
         ({"seed": 0.5}, "seed"),
