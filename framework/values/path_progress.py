@@ -13,8 +13,7 @@ EARLY = 0.5
 """m; on a new path the first stretch is taken that comes this close to the nearest point, and
 between two calls the search reaches at least as far."""
 GROWN, LONGER, LONGEST = 0.01, 0.25, 5.0
-"""m; with each call in which the arc length has not grown by the first, the search reaches farther
-ahead by the second, up to the third."""
+"""m, see `ReferenceProgress`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +24,10 @@ class PathProgress:
     ----------
     path : that it follows.
     last : arc length, m, and place (D,), m, at the last call; None before the first.
-    waited : calls since the arc length has grown.
     """
 
     path: Path
     last: tuple[float, Array] | None = None
-    waited: int = 0
 
     @property
     def rest(self) -> Path:
@@ -45,18 +42,41 @@ class PathProgress:
         """Return the progress at a place, and the arc length of the nearest path point, m.
 
         The search reaches as far as the robot may have come since the last call, so that a
-        path that crosses itself or comes back is not cut short. For a robot that waits it reaches
-        farther ahead with each call: else one that has cut a corner would never be past it, since
-        its reference begins before the corner and it waits for that. At first all of it is
+        path that crosses itself or comes back is not cut short. At first all of it is
         searched, and its earliest stretch preferred.
         """
+        arc = self._nearest(place)
+        return PathProgress(self.path, (arc, place)), arc
+
+    def _nearest(self, place: Array, farther: float = 0.0) -> float:
+        """Return the arc length of the nearest path point, m; the search reaches ``farther`` m."""
         if self.last is None:
-            arc = self.path.project(place, early=EARLY)
-            return PathProgress(self.path, (arc, place)), arc
+            return self.path.project(place, early=EARLY)
         before, where = self.last
         reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
-        ahead = reach + min(LONGER * self.waited, LONGEST)
         low = max(before - reach, 0.0)
-        arc = self.path.project(place, start=low, window=before + ahead - low)
-        waited = 0 if arc > before + GROWN else self.waited + 1
-        return PathProgress(self.path, (arc, place), waited), arc
+        return self.path.project(place, start=low, window=before + reach + farther - low)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceProgress(PathProgress):
+    """How far along its path a robot has come that follows a timed reference.
+
+    One that has cut a corner, or waits beside a spike, would never be past it: its reference
+    begins before the corner with each call, and the best plan is to wait for that. So the search
+    reaches farther ahead by `LONGER` with each call in which the arc length has not grown by
+    `GROWN`, up to `LONGEST`.
+
+    Attributes
+    ----------
+    waited : calls since the arc length has grown.
+    """
+
+    waited: int = 0
+
+    def advanced(self, place: Array) -> tuple["ReferenceProgress", float]:
+        """Return the progress at a place, and the arc length of the nearest path point, m."""
+        arc = self._nearest(place, min(LONGER * self.waited, LONGEST))
+        grown = self.last is None or arc > self.last[0] + GROWN
+        waited = 0 if grown else self.waited + 1
+        return ReferenceProgress(self.path, (arc, place), waited), arc

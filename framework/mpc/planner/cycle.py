@@ -23,7 +23,7 @@ from ...values.arrays import Array, altered
 from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
-from ...values.path_progress import PathProgress
+from ...values.path_progress import ReferenceProgress
 from ...values.plan import Plan, Situation
 from ...values.polygon import Polygon
 from ...values.tracks import Tracks
@@ -84,7 +84,7 @@ class PlannerState:
     """
 
     perception: Perception
-    progress: PathProgress | None = None
+    progress: ReferenceProgress | None = None
     plan: Plan | None = None
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
@@ -101,7 +101,7 @@ class PlannerState:
             settings.period,
             FORGET,
         )
-        return cls(perception, None if path is None else PathProgress(path))
+        return cls(perception, None if path is None else ReferenceProgress(path))
 
 
 class ProblemCache:

@@ -10,7 +10,7 @@ from ...controller import Controller, WrapsController, checked_path
 from ...values.errors import WideberthError, short
 from ...values.motion import Command, Observation
 from ...values.path import Path
-from ...values.path_progress import PathProgress
+from ...values.path_progress import ReferenceProgress
 from ...values.plan import Plan, Rung
 from ..diagnosis.explain import SolveRecord
 from ..diagnosis.solve_record import Record
@@ -99,7 +99,7 @@ class Planner(PlannerSettings, Controller):
         """Follow this path from now on; the first one warns of settings that look like a slip."""
         path, memory = checked_path(self.robot, path), self._memory
         first = memory.state.progress is None
-        memory.state = replace(memory.state, progress=PathProgress(path))
+        memory.state = replace(memory.state, progress=ReferenceProgress(path))
         if not self._services.problems:
             warm_up(self, self._services, path)
         for words in doubts(self) if first else ():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.path_progress import PathProgress
+from wideberth.framework.values.path_progress import PathProgress, ReferenceProgress
 
 
 def follow(path: Path, places: np.ndarray) -> list[float]:
     """Return the arc length at each place of a drive."""
-    progress, found = PathProgress(path), []
+    progress, found = ReferenceProgress(path), []
     for place in places:
         progress, arc = progress.advanced(place)
         found.append(arc)
@@ -47,3 +47,11 @@ def test_a_robot_on_a_path_that_crosses_itself_goes_all_around():
     assert np.allclose(follow(path, path.at(wanted)), wanted, atol=1e-9)
     aside = path.at(wanted) + np.array([0.0, 0.3])  # driven beside it
     assert np.abs(np.array(follow(path, aside)) - wanted).max() < 0.4
+
+
+def test_who_follows_no_timed_reference_does_not_skip_a_spike():
+    """People who wait near a turn of their way still walk to its tip."""
+    progress = PathProgress(Path([(0.0, 0.0), (4.0, 0.0), (4.0, -2.0), (5.0, 10.0)]))
+    for place in np.concatenate([[[x, 0.3] for x in np.arange(0.0, 4.3, 0.1)], [[4.4, 0.3]] * 30]):
+        progress, arc = progress.advanced(place)
+    assert arc < 5.0
