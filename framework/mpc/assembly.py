@@ -42,10 +42,11 @@ REST = 1e-2
 """m/s and rad/s; a plan that ends slower than this is braked to a stop in the step after its end.
 Zero itself would leave an interior point method without an interior."""
 
-SPIN = 1.0
-"""Price of a squared yaw rate, of a robot that may not drive backwards as fast as ahead; 1 rad/s
-costs as much as 0.1 m. The paper's cost prices the yaw acceleration alone. Before v = 0, which an
-interior point method keeps away from, such a robot then circles its goal at 0.6 rad/s."""
+SPIN, STANDS = 1.0, 0.05
+"""Price of a squared yaw rate where the reference stands, and m/s of a reference that drives, of a
+robot that may not drive backwards as fast as ahead; 1 rad/s costs as much as 0.1 m. The paper's
+cost prices the yaw acceleration alone. Before v = 0, which an interior point method keeps away
+from, such a robot then circles its goal at 0.6 rad/s."""
 
 
 def assemble(
@@ -87,7 +88,7 @@ def assemble(
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
     reference = ReferenceSymbols(robot.dimension, cost.curve_width(robot.dimension))
     moment = _moment(robot, x, u, cost)
-    terms = [*cost.terms(moment, reference), *_spin(robot, moment)]
+    terms = [*cost.terms(moment, reference), *_spin(robot, moment, reference)]
     by_input, by_state = _running_cost(terms, u)
     on_input, on_state = _limits(robot, x, u)
     shared = isinstance(level, SharedLevel)
@@ -186,10 +187,11 @@ def _limits(robot: Robot, x: Any, u: Any) -> tuple[Any, Any]:
     return ca.vertcat(*on_input), ca.vertcat(*on_state)
 
 
-def _spin(robot: Robot, moment: Moment) -> list[Any]:
-    """Return the price of the yaw rate, see `SPIN`."""
+def _spin(robot: Robot, moment: Moment, reference: ReferenceSymbols) -> list[Any]:
+    """Return the price of the yaw rate at the end of the path, see `SPIN`."""
     slower = slower_backwards(robot, np.zeros(len(robot.states)))
-    return [SPIN * moment.twist.angular**2] * slower
+    stands = 1.0 / (1.0 + (reference.speed / STANDS) ** 2)
+    return [SPIN * stands * moment.twist.angular**2] * slower
 
 
 def _running_cost(terms: Sequence[Any], u: Any) -> tuple[Any, Any]:
