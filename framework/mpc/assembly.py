@@ -21,9 +21,6 @@ the paper's to the letter.
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from ..control.command_limits import slower_backwards
 from ..numerics.symbolic import ca
 from ..robot import Robot
 from ..robot import step as integrate
@@ -41,12 +38,6 @@ from .slots.base import SlotKind, SlotSizes
 REST = 1e-2
 """m/s and rad/s; a plan that ends slower than this is braked to a stop in the step after its end.
 Zero itself would leave an interior point method without an interior."""
-
-SPIN, STANDS = 1.0, 0.05
-"""Price of a squared yaw rate where the reference stands, and m/s of a reference that drives, of a
-robot that may not drive backwards as fast as ahead; 1 rad/s costs as much as 0.1 m. The paper's
-cost prices the yaw acceleration alone. Before v = 0, which an interior point method keeps away
-from, such a robot then circles its goal at 0.6 rad/s."""
 
 
 def assemble(
@@ -87,9 +78,7 @@ def assemble(
     robot = progress_robot_of(robot) if isinstance(cost, ProgressCost) else robot
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
     reference = ReferenceSymbols(robot.dimension, cost.curve_width(robot.dimension))
-    moment = _moment(robot, x, u, cost)
-    terms = [*cost.terms(moment, reference), *_spin(robot, moment, reference)]
-    by_input, by_state = _running_cost(terms, u)
+    by_input, by_state = _running_cost(_moment(robot, x, u, cost), u, cost, reference)
     on_input, on_state = _limits(robot, x, u)
     shared = isinstance(level, SharedLevel)
     s = ca.SX.sym("s", int(shared))
@@ -187,21 +176,16 @@ def _limits(robot: Robot, x: Any, u: Any) -> tuple[Any, Any]:
     return ca.vertcat(*on_input), ca.vertcat(*on_state)
 
 
-def _spin(robot: Robot, moment: Moment, reference: ReferenceSymbols) -> list[Any]:
-    """Return the price of the yaw rate at the end of the path, see `SPIN`."""
-    slower = slower_backwards(robot, np.zeros(len(robot.states)))
-    stands = 1.0 / (1.0 + (reference.speed / STANDS) ** 2)
-    return [SPIN * stands * moment.twist.angular**2] * slower
-
-
-def _running_cost(terms: Sequence[Any], u: Any) -> tuple[Any, Any]:
+def _running_cost(
+    moment: Moment, u: Any, cost: Cost, reference: ReferenceSymbols
+) -> tuple[Any, Any]:
     """Split the cost into a part of (x_i, u_i), i < N, and a part of x_i, i >= 1.
 
     The speed, say, belongs to the state for most robots; for one that takes velocities as
     inputs it depends on u and is paid against the reference of i + 1.
     """
     by_input, by_state = ca.SX(0), ca.SX(0)
-    for term in terms:
+    for term in cost.terms(moment, reference):
         if ca.depends_on(ca.SX(term), u):
             by_input += term
         else:
