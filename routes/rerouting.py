@@ -164,7 +164,7 @@ class Rerouting:
             return targets[-1:]
         away = np.asarray(shapely.distance(shapely.LineString(rest), shapely.points(targets)))
         to_come = np.asarray(away <= self.radius)
-        to_come[-1] = True
+        to_come[-1:] = True
         return targets[to_come]
 
     def _left(self, path: Path | None, here: Array, standing: list[_Stay]) -> bool:

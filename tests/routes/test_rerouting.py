@@ -199,3 +199,9 @@ def test_a_robot_that_was_pushed_past_a_waypoint_does_not_turn_back() -> None:
     assert route.path is not None and passed(route.path, (5.0, 3.5)) > 1.5
     assert passed(route.path, (14.0, 3.5)) < 1e-9
     assert np.diff(route.path.points[:, 0]).min() > -0.05, "it goes on"
+
+
+def test_a_robot_beside_its_route_without_a_waypoint_left_keeps_it() -> None:
+    routes = Rerouting(HALL, radius=1.0)
+    route = routes.update(0.0, START, [GOAL])
+    assert routes.update(1.0, (8.5, 0.8), []) is route
