@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wideberth.experiments.drawing.plotting import PAGE, paper_style, save, subplots
-from wideberth.metrics.statistics import clopper_pearson, mcnemar
+from wideberth.metrics.statistics import clopper_pearson, known_mean, mcnemar
 
 Row = dict[str, Any]
 Cases = Mapping[tuple[str, int], Row]
@@ -24,14 +23,6 @@ ENDS = {
     "timeout": ("0.8", "\\\\\\\\"),
 }
 """How an episode may end -> colour and hatch of its bar."""
-
-
-def write(file: Path, row: Row) -> None:
-    """Write a row whole or not at all."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_suffix(f".{os.getpid()}.part")
-    part.write_text(json.dumps(row) + "\n", encoding="utf-8")
-    part.replace(file)
 
 
 def read(folder: Path, seeds: Iterable[int]) -> dict[str, dict[tuple[str, int], Row]]:
@@ -71,8 +62,8 @@ def counts(arms: Mapping[str, Cases]) -> list[Row]:
                 "hit a wall": moving.count("wall"),
                 "hit a person": moving.count("person"),
                 "timeout": len(rows) - len(done) - len(hits),
-                "time_s": mean(row["time_s"] for row in done),
-                "decision_ms": mean(row["decision_ms"] for row in rows if "decision_ms" in row),
+                "time_s": known_mean([row["time_s"] for row in done]),
+                "decision_ms": known_mean([row.get("decision_ms", math.nan) for row in rows]),
             }
         )
     return table
@@ -97,7 +88,7 @@ def pairs(arms: Mapping[str, Cases], base: str) -> list[Row]:
                 f"{base} alone": int((ours & ~theirs).sum()),
                 "it alone": int((theirs & ~ours).sum()),
                 "p": mcnemar(ours, theirs),
-                "longer_s": mean(spent),
+                "longer_s": known_mean(spent),
             }
         )
     return table
@@ -175,9 +166,3 @@ def outcome_figure(arms: Mapping[str, Cases], folder: Path, name: str) -> list[P
 def succeeds(cases: Cases, keys: Sequence[tuple[str, int]]) -> Any:
     """Whether each of some cases succeeds, (K,) of bool."""
     return np.array([cases[key]["outcome"] == "success" for key in keys], dtype=np.bool_)
-
-
-def mean(values: Iterable[float]) -> float:
-    """Return the mean; nan of nothing."""
-    known = list(values)
-    return sum(known) / len(known) if known else math.nan

@@ -15,12 +15,15 @@ file of its own, written whole or not at all; one that is there is not run again
 """
 
 import argparse
+import json
 import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from copy import deepcopy
 from dataclasses import asdict, dataclass
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +39,6 @@ from arms import (
     pairs,
     read,
     shipped_rows,
-    write,
 )
 from measuring import markdown
 
@@ -69,9 +71,9 @@ class Campaign:
 
     checkout: Path
 
-    @property
+    @cached_property
     def stated(self) -> dict[str, Any]:
-        """Return the campaign's file."""
+        """The campaign's file."""
         import yaml
 
         return dict(yaml.safe_load((self.checkout / CAMPAIGN).read_text(encoding="utf-8")))
@@ -81,12 +83,14 @@ class Campaign:
         """File of the scenarios."""
         return self.checkout / str(self.stated["scenario_matrix"])
 
+    @cached_property
     def arms(self) -> dict[str, dict[str, Any]]:
-        """Return their arms by key."""
+        """Their arms by key."""
         return {one["key"]: one for one in self.stated["planners"]}
 
+    @cached_property
     def scenarios(self) -> dict[str, dict[str, Any]]:
-        """Return the scenarios by name, each for a differential drive."""
+        """The scenarios by name, each for a differential drive."""
         from robot_sf.training.scenario_loader import load_scenarios
 
         found = {}
@@ -94,6 +98,12 @@ class Campaign:
             robot = {**(one.get("robot_config") or {}), "type": "differential_drive"}
             found[str(one["name"])] = {**one, "robot_config": robot}
         return found
+
+
+@cache
+def campaign_of(checkout: str) -> Campaign:
+    """Return the campaign of a checkout, read once in a process."""
+    return Campaign(Path(checkout))
 
 
 def enter(checkout: str) -> None:
@@ -112,13 +122,13 @@ def drive(case: Case, checkout: str, settings: str) -> Row:
     from robot_sf.benchmark.map_runner.map_runner import _run_map_episode
     from robot_sf_arm import Arm
 
-    campaign = Campaign(Path(checkout))
-    stated, known = campaign.stated, campaign.arms()
+    campaign = campaign_of(checkout)
+    stated, known = campaign.stated, campaign.arms
     ours = Arm.of(settings) if case.arm == OURS else None
     theirs = known.get(case.arm, {"algo": "goal"})
     begin = time.process_time()
     record: Any = _run_map_episode(
-        campaign.scenarios()[case.scenario],
+        deepcopy(campaign.scenarios[case.scenario]),  # their runner writes into it
         case.seed,
         horizon=stated["horizon"],
         dt=stated["dt"],
@@ -164,22 +174,23 @@ def run(options: argparse.Namespace) -> None:
     """Run the cases that have no row yet, and say how it goes."""
     out, options.settings = Path(options.out).resolve(), str(Path(options.settings).resolve())
     options.checkout = str(Path(options.checkout).resolve())
-    campaign = Campaign(Path(options.checkout))
+    campaign = campaign_of(options.checkout)
     if not (campaign.checkout / CAMPAIGN).is_file():
         sys.exit(f"--checkout is {campaign.checkout}, without {CAMPAIGN}; wanted robot_sf_ll7")
     enter(options.checkout)
-    if options.arm != OURS and options.arm not in campaign.arms():
-        sys.exit(f"--arm is {options.arm}; wanted {OURS} or one of {', '.join(campaign.arms())}")
-    known = list(campaign.scenarios())
+    if options.arm != OURS and options.arm not in campaign.arms:
+        sys.exit(f"--arm is {options.arm}; wanted {OURS} or one of {', '.join(campaign.arms)}")
+    known = list(campaign.scenarios)
     names = options.scenarios or known
     if unknown := set(names) - set(known):
         sys.exit(f"--scenarios has {sorted(unknown)}; wanted of {', '.join(known)}")
     cases = [Case(options.arm, name, seed) for seed in seeds_of(options.seeds) for name in names]
     left = [case for case in cases if not case.file(out).exists()]
     print(f"{options.arm}: {len(cases)} episodes, {len(left)} to run", flush=True)
+    (out / options.arm).mkdir(parents=True, exist_ok=True)
     tally = {"success": 0, "collision": 0, "timeout": 0}
     for done, (case, row) in enumerate(rows(left, options), 1):
-        write(case.file(out), {**asdict(case), **row})
+        write_text(case.file(out), json.dumps({**asdict(case), **row}) + "\n")
         tally[row["outcome"]] += 1
         words = ", ".join(f"{count} {kind}" for kind, count in tally.items())
         what = f"{row['outcome']} {row['collided_with']}".strip()

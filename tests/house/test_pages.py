@@ -138,13 +138,15 @@ def understood(words: list[str]) -> None:
         extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
         for extra in re.findall(r"\[([\w,-]+)\]", " ".join(words)):
             assert set(extra.split(",")) <= set(extras["optional-dependencies"]), words
-    elif words[0].startswith(("python", ".")) and words[-1].endswith((".py", "/run")):
-        assert (ROOT / words[-1]).is_file(), words
-    elif words[0] == "python" and words[1].endswith(".py"):
-        assert (ROOT / words[1]).is_file(), words
+    elif words[0].startswith(("python", ".")) and (scripts := scripts_of(words)):
+        assert all((ROOT / script).is_file() for script in scripts), words
     else:
         known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc", "source", "python3 -m")
         assert " ".join(words).startswith(known), f"{words[0]}: check it here"
+
+
+def scripts_of(words: list[str]) -> list[str]:
+    return [word for word in words if word.endswith((".py", "/run"))]
 
 
 def wideberth(words: list[str]) -> None:
