@@ -19,6 +19,7 @@ from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.avoidable import avoidable
+from ...simulation.measures.first_contact import contact_columns
 from ...simulation.measures.summary import summarise, time_rows
 from ...simulation.scenarios.base import Cast, Scenario
 from .base import Experiment, Row, Task, TaskOutcome
@@ -46,14 +47,15 @@ def play(
     return run.episode()
 
 
-def could_avoid(
+def about_first_contact(
     episode: Episode, scenario: Scenario, robot: Robot, controller: Controller, settings: Settings
 ) -> Row:
-    """Whether the first contact of an episode was `avoidable`; other arguments as of `play`."""
+    """Return how the first contact of an episode came about; other arguments as of `play`."""
     cast = scenario.cast(episode.seed)
     robots = [one.agent(robot, controller, truth=False) for one in cast.placements]
     agents = [*robots, *cast.people]
-    return {**avoidable(episode, agents, settings, cast.bystanders, (), cast.polygons)}
+    could = avoidable(episode, agents, settings, cast.bystanders, (), cast.polygons)
+    return {**could, **contact_columns(episode, {one.name: robot for one in robots}, could)}
 
 
 def controllers_of(experiment: Experiment) -> dict[str, Controller]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ...framework.values.arrays import Array
+from ...metrics.episode import tally
 from ...metrics.statistics import bootstrap_interval, clopper_pearson, known_mean, mcnemar
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
@@ -80,6 +81,7 @@ def condensed(rows: Sequence[Row]) -> Row:
         "errors": next((str(row["errors"]) for row in rows if row["errors"]), ""),
     }
     line |= {name: known_mean(column(rows, name)) for name in rows[0] if name.startswith(COULD)}
+    line["contact_kinds"] = _counted([row["contact_kind"] for row in rows if row["contact_kind"]])
     judged = [name for name in rows[0] if name.startswith("judged_")]
     found = {name: _judgement([row[name] for row in rows]) for name in judged}
     return line | {name: value for name, value in found.items() if value is not None}
@@ -170,6 +172,10 @@ def _judgement(values: Sequence[Any]) -> float | str | None:
     if all(value is None for value in values):
         return None
     if any(isinstance(value, str) for value in values):
-        words = [str(value) for value in values]
-        return ", ".join(f"{word} {words.count(word)}" for word in sorted(set(words)))
+        return _counted(values)
     return known_mean(np.array([np.nan if v is None else v for v in values], dtype=np.float64))
+
+
+def _counted(words: Sequence[Any]) -> str:
+    """Write how often each word occurs."""
+    return ", ".join(f"{word} {count}" for word, count in tally(words).items())

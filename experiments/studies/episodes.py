@@ -14,7 +14,7 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
-from ..engine.closed_loop import check_starts, could_avoid, inputs_of, outcome, play
+from ..engine.closed_loop import about_first_contact, check_starts, inputs_of, outcome, play
 from .grid import GridStudy, Pictures, Task, TaskOutcome
 
 VIEW_CAPTION = {
@@ -205,7 +205,7 @@ def measured(
     judged = scenario.judge(episode)
     more = {
         **measures(episode, tail, settings.time_limit),
-        **could_avoid(episode, scenario, robot, controller, settings),
+        **about_first_contact(episode, scenario, robot, controller, settings),
         **{f"judged_{name}": value for name, value in judged.items()},
     }
     return outcome(episode, task, tail, more, keep=task.seed in show)

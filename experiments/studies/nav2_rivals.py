@@ -25,8 +25,8 @@ from ...simulation.scenarios.base import Scenario
 from ..drawing.looks import draw_looks, looks_from_bytes, looks_to_bytes
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
+    about_first_contact,
     column,
-    could_avoid,
     inputs_of,
     outcome,
     pick,
@@ -192,7 +192,7 @@ class Nav2Rivals(SeededStudy):
         more = {
             **measures(episode, self.tail, place.settings.time_limit),
             **_tried(watched),
-            **could_avoid(episode, place.scenario, robot, watched[0], place.settings),
+            **about_first_contact(episode, place.scenario, robot, watched[0], place.settings),
         }
         made = outcome(episode, task, self.tail, more)
         labels = pick(made.rows[0], (*AXES, "seed"))

@@ -1,9 +1,9 @@
 """Whether the first contact of an episode could have been avoided shortly before."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise, product
+from itertools import pairwise, product
 from typing import final
 
 import numpy as np
@@ -23,9 +23,16 @@ from ..engine.episode import Run
 from ..engine.plant import Plant
 from ..engine.settings import Settings
 from ..log.episode_log import AgentLog, CommandLog, Episode
+from .first_contact import (
+    LEADS,
+    FirstContact,
+    decision,
+    first_contact,
+    lead_column,
+    plan_at,
+)
+from .kept_clear import HeededRegions
 
-LEADS = (2.0, 1.0)
-"""s before the contact, at which other commands take over."""
 AFTER = 2.0
 """s after the contact, up to which nothing may touch either."""
 DRAWN = 240
@@ -50,18 +57,22 @@ def avoidable(
     changes: Sequence[PathChange] = (),
     polygons: Sequence[Polygon] = (),
 ) -> dict[str, bool | float]:
-    """Say whether the first contact could have been avoided 2 s and 1 s before; two columns each.
+    """Say whether the first contact could have been avoided, so many s before as in `LEADS`.
 
     ``avoidable_2s``: from the robot's first decision in the last 2 s before the contact on, one of
     many control sequences keeps it clear of all others and of every wall until 2 s after the
     contact, while all others move as they did. ``avoidable_2s_reacting``: one of the `BEST`
     sequences with the most room does so while the others decide for themselves, as they would have
-    done. Others move on after the contact, also where it ended the episode.
+    done. Others move on after the contact, also where it ended the episode. What avoids it later
+    avoids it earlier too, after the commands in between.
 
     A sequence is one twist, or two with an instant in between, sent at the robot's own decisions
     and driven by its plant. All combinations of the ends of the twist's components and 0 are tried
     for the whole time, and `DRAWN` sequences from a generator that hangs on the episode's seed.
     So "avoidable" is proven by an example; that nothing helps is not: more sequences might.
+
+    ``level_held_2s``: the plan of that decision, or one of these sequences, keeps out of every
+    region of the plan at the level aimed at.
 
     The episode is played once more with the commands that it holds, from the same agents.
 
@@ -75,54 +86,62 @@ def avoidable(
     -------
     columns : NaN in all where nothing touched, and where the episode cannot be repeated: its
         delays were measured, or its world is another one than that of exchanged positions. NaN
-        also where the contact came before the robot's first decision, and, of those who react,
-        where a person's controller cannot be copied. Where two robots touched it is enough that
-        one of them could avoid it.
+        also where the contact came before the robot's first decision; of those who react, where a
+        person's controller cannot be copied; of the level, where the plan has no regions. Where
+        two robots touched it is enough that one of them could avoid it.
     """
-    names = [(f"avoidable_{lead:g}s", lead) for lead in LEADS]
     found: dict[str, bool | float] = {
-        f"{name}{kind}": np.nan for name, _ in names for kind in ("", "_reacting")
+        lead_column(*column): np.nan
+        for lead in LEADS
+        for column in (("avoidable", lead), ("avoidable", lead, "_reacting"), ("level_held", lead))
     }
     met = first_contact(episode)
     if met is None:
         return found
-    time, touched = met
-    again = _repeated(episode, agents, settings, others, changes, polygons, time + AFTER)
-    takeovers = _takeovers(again, [_decision(episode.agent(name), time, lead)
-                                   for name in touched for lead in LEADS])  # fmt: skip
+    again = _repeated(episode, agents, settings, others, changes, polygons, met.time + AFTER)
+    starts = {
+        (name, lead): start
+        for name, lead in product(met.robots, LEADS)
+        if (start := decision(episode.agent(name), met.time, lead)) is not None
+    }
+    takeovers = _takeovers(again, set(starts.values()))
     again.advance_to(np.inf)
     record = again.episode()
-    if not _same(episode, record, time):
+    if not _same(episode, record, met.time):
         return found
-    rng = np.random.default_rng([episode.seed, _STREAM])
-    for column, lead in names:
-        for robot in touched:
-            start = _decision(episode.agent(robot), time, lead)
-            if start is None:
-                continue
-            alone, reacting = takeovers[start].outcome(robot, record, rng)
-            for name, avoids in ((column, alone), (f"{column}_reacting", reacting)):
-                if avoids is not None:
-                    found[name] = avoids or found[name] is True
+    for name in met.robots:
+        own = {lead: takeovers[start] for (one, lead), start in starts.items() if one == name}
+        for column, value in _outcomes(name, own, episode, record, met).items():
+            found[column] = value or found[column] is True
     return found
 
 
-def first_contact(episode: Episode) -> tuple[float, tuple[str, ...]] | None:
-    """When a robot first touches an agent or a wall, s, and which robots do; None if none does."""
-    bodies = {log.name: log for log in episode.robots}
-    pairs = [
-        (gaps(one, two), {one.name, two.name} & bodies.keys())
-        for one, two in combinations(episode.agents, 2)
-        if {one.name, two.name} & bodies.keys()
-    ]
-    pairs += [(wall_gaps(log, wall), {log.name}) for log in episode.robots
-              for wall in episode.polygons]  # fmt: skip
-    first = [(int(np.argmax(gap < 0.0)), names) for gap, names in pairs if (gap < 0.0).any()]
-    if not first:
-        return None
-    begins = min(index for index, _ in first)
-    names = {name for index, some in first if index == begins for name in some}
-    return float(episode.times[begins]), tuple(name for name in bodies if name in names)
+def _outcomes(
+    name: str,
+    takeovers: dict[float, "_Takeover"],
+    episode: Episode,
+    record: Episode,
+    met: FirstContact,
+) -> dict[str, bool]:
+    """Return what is known of one robot, by the column's name; the last instant comes first."""
+    found, alone = dict[str, bool](), False
+    reacting: bool | None = False
+    for lead in sorted(takeovers):
+        takeover, plan = takeovers[lead], plan_at(episode.agent(name), met.time, lead)
+        gave_way = None if plan is None else plan.below_reference
+        held = None if gave_way is None else not gave_way
+        if not (alone and reacting) or gave_way:
+            tried = takeover.tried(name, record, episode.seed)
+            alone = alone or tried[0].room >= 0.0
+            reacting = reacting or takeover.reacting(name, tried)
+            held = _held(plan, tried, record, takeover.first) if plan and gave_way else held
+        known = {
+            lead_column("avoidable", lead): alone,
+            lead_column("avoidable", lead, "_reacting"): reacting,
+            lead_column("level_held", lead): held,
+        }
+        found |= {column: value for column, value in known.items() if value is not None}
+    return found
 
 
 @final
@@ -206,10 +225,10 @@ def _repeating(agent: RobotAgent, log: AgentLog) -> RobotAgent:
     return replace(agent, controller=repeats, phase=phase, truth=False)
 
 
-def _takeovers(run: Run, starts: Sequence[float | None]) -> dict[float, "_Takeover"]:
+def _takeovers(run: Run, starts: Set[float]) -> dict[float, "_Takeover"]:
     """Advance a run through these instants, and keep it at each."""
     kept: dict[float, _Takeover] = {}
-    for start in sorted({start for start in starts if start is not None}):
+    for start in sorted(starts):
         run.advance_to(start)
         plants = {one.name: copy(one.plant) for one in run.drivers if not one.agent.person}
         repeating = {one.name: one.agent.controller for one in run.drivers if one.name in plants}
@@ -219,13 +238,6 @@ def _takeovers(run: Run, starts: Sequence[float | None]) -> dict[float, "_Takeov
             people = None
         kept[start] = _Takeover(len(run.clock) - 1, plants, people)
     return kept
-
-
-def _decision(log: AgentLog, contact: float, lead: float) -> float | None:
-    """Time of the first decision in the last ``lead`` s before the contact, s; None without."""
-    stamps = log.commands.stamp
-    known = stamps[(stamps >= contact - lead - _SAME) & (stamps < contact)]
-    return float(known[0]) if known.size else None
 
 
 def _same(episode: Episode, again: Episode, until: float) -> bool:
@@ -244,6 +256,22 @@ def _same(episode: Episode, again: Episode, until: float) -> bool:
 
 @final
 @dataclass(frozen=True, eq=False)
+class _Tried:
+    """A control sequence from an instant on.
+
+    Attributes
+    ----------
+    sequence : of commands. body : the robot's motion under them.
+    room : m, least clearance while all others move as they did.
+    """
+
+    sequence: Repeating
+    body: BodyMotion
+    room: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class _Takeover:
     """An instant at which other commands can take over a robot.
 
@@ -258,19 +286,21 @@ class _Takeover:
     plants: dict[str, Plant]
     people: Run | None
 
-    def outcome(
-        self, name: str, record: Episode, rng: np.random.Generator
-    ) -> tuple[bool, bool | None]:
-        """Whether a sequence avoids all others, as they moved and as they would react."""
-        tried = [
-            (self._room(name, one, record), place, one)
-            for place, one in enumerate(self._sequences(name, record, rng))
-        ]
-        tried.sort(key=lambda entry: (-entry[0], entry[1]))
+    def tried(self, name: str, record: Episode, seed: int) -> list["_Tried"]:
+        """Drive all sequences among the others as they moved; the one with the most room first."""
+        rng = np.random.default_rng([seed, _STREAM, self.first])
+        found = []
+        for sequence in self._sequences(name, record, rng):
+            body = self._driven(name, sequence, record)
+            found.append(_Tried(sequence, body, _least(body, name, record, self.first)))
+        return sorted(found, key=lambda one: -one.room)
+
+    def reacting(self, name: str, tried: Sequence["_Tried"]) -> bool | None:
+        """Whether one of the best sequences avoids all others as they react; None if unknown."""
         if self.people is None:
-            return tried[0][0] >= 0.0, None
-        best = (self._among_people(self.people, name, one) for _, _, one in tried[:BEST])
-        return tried[0][0] >= 0.0, any(best)
+            return None
+        best = (self._among_people(self.people, name, one.sequence) for one in tried[:BEST])
+        return any(best)
 
     def _sequences(
         self, name: str, record: Episode, rng: np.random.Generator
@@ -290,8 +320,8 @@ class _Takeover:
             stamps = np.array([*log.commands.stamp[earlier], now, switch])
             yield Repeating(plant.robot, log.period, stamps, [*past, *made])
 
-    def _room(self, name: str, controller: Repeating, record: Episode) -> float:
-        """Least clearance of a robot while all others move as they did, m."""
+    def _driven(self, name: str, controller: Repeating, record: Episode) -> BodyMotion:
+        """Return the motion of a robot under these commands."""
         log, plant, clock = record.agent(name), copy(self.plants[name]), record.times[self.first :]
         due = [
             (float(effect), controller.at(float(stamp)))
@@ -306,8 +336,7 @@ class _Takeover:
             states.append(plant.state)
         pose = plant.robot.pose(tuple(np.array(states).T))
         headings = np.full(len(states), np.nan) if pose.heading is None else pose.heading
-        body = BodyMotion(log.radius, pose.points(), np.asarray(headings), log.footprint)
-        return _least(body, name, record, self.first)
+        return BodyMotion(log.radius, pose.points(), np.asarray(headings), log.footprint)
 
     def _among_people(self, people: Run, name: str, controller: Repeating) -> bool:
         """Whether a robot avoids people who decide anew, and all others."""
@@ -318,6 +347,24 @@ class _Takeover:
         run.advance_to(np.inf)
         record = run.episode()
         return _least(_part(record.agent(name), self.first), name, record, self.first) >= 0.0
+
+
+def _held(plan: Plan, tried: Sequence[_Tried], record: Episode, first: int) -> bool | None:
+    """Whether a sequence keeps out of a plan's regions at the level aimed at; None without any.
+
+    Asked at those steps of the plan that the sequences reach.
+    """
+    clock = record.times[first:]
+    times = plan.stamp + plan.dt * np.arange(1, len(plan.positions), dtype=np.float64)
+    times = times[times <= clock[-1] + _SAME]
+    regions = HeededRegions.aimed(plan, len(times))
+    if regions is None:
+        return None
+    places = [
+        [np.interp(times, clock, column) for column in one.body.positions.T] for one in tried
+    ]
+    entered = regions.contain(np.moveaxis(np.array(places), 1, -1))
+    return not bool(entered.any(axis=(1, 2)).all())
 
 
 def _least(body: BodyMotion, name: str, record: Episode, first: int) -> float:

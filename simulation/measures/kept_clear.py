@@ -98,7 +98,7 @@ class KeptClear:
         others = [name for name in people if name not in plan.tracked]
         truth = np.array([people[name].at(times) for name in (*names, *others)])
         there: BoolArray = np.asarray(np.isfinite(truth).all(axis=2), dtype=np.bool_)
-        regions = _Regions.of(forecast, rows, steps, region, level)
+        regions = HeededRegions.of(forecast, rows, steps, region, level)
         inside = regions.contain(truth)
         own = inside[np.arange(len(rows)), np.arange(len(rows))]
         known, covered = there[: len(rows)], inside[: len(rows)].any(axis=1)
@@ -140,8 +140,8 @@ class KeptClear:
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Regions:
-    """Regions of all modes of a forecast that plans heed.
+class HeededRegions:
+    """Regions of all modes of a forecast that plans heed, enlarged or not.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class _Regions:
     @classmethod
     def of(
         cls, forecast: Forecast, rows: list[int], steps: int, region: Region, level: LevelPolicy
-    ) -> "_Regions":
+    ) -> "HeededRegions":
         """Return those of some obstacles, at the levels of so many."""
         mean, covariance = forecast.mean[rows, :, :steps], forecast.covariance[rows, :, :steps]
         numbers = region.parameters(GaussianObstacle(mean, covariance), np.zeros(mean.shape[:3]))
@@ -168,6 +168,28 @@ class _Regions:
             np.broadcast_to(levels, mean.shape[:3]),
             heeded(forecast.weight[rows])[..., None],
         )
+
+    @classmethod
+    def aimed(cls, plan: Plan, steps: int) -> "HeededRegions | None":
+        """Return what a plan was to keep its centre out of; None where it does not say.
+
+        As pictures show it (`wideberth.draw.plans.kept_out`), at the level aimed at.
+        """
+        forecast, situation = plan.forecast, plan.situation
+        if forecast is None or situation is None or situation.region is None:
+            return None
+        rows = [o for o, name in enumerate(plan.tracked) if name in plan.ids]
+        if not rows:
+            return None
+        steps = min(steps, forecast.steps)
+        mean, covariance = forecast.mean[rows, :, :steps], forecast.covariance[rows, :, :steps]
+        margin = np.broadcast_to(
+            (situation.radii[rows] + situation.room)[:, None, None], mean.shape[:3]
+        )
+        numbers = situation.region.parameters(GaussianObstacle(mean, covariance), margin)
+        columns = [plan.ids.index(plan.tracked[o]) for o in rows]
+        levels = np.broadcast_to(plan.target[:steps, columns].T[:, None], mean.shape[:3])
+        return cls(situation.region, numbers, levels, heeded(forecast.weight[rows])[..., None])
 
     def contain(self, places: Array) -> BoolArray:
         """Whether each place is in a region of each obstacle, (P, N, D) -> (P, O, N)."""

@@ -9,6 +9,7 @@ import pytest
 
 from wideberth.controllers.withdrawing import Withdrawing
 from wideberth.experiments.engine.base import Row
+from wideberth.experiments.engine.column_descriptions import column_descriptions
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
@@ -173,6 +174,20 @@ def test_every_number_has_its_mean(rows: list[Row]) -> None:
     assert found["success_time"] == 9.5 and found["deadlock"] == 0.0
     assert not {"seed", "outcome", "judged_word"} & set(found)
     assert condensed(rows[:2])["success"] == 1.0
+
+
+def test_first_contacts_are_counted_by_kind_and_described(rows: list[Row]) -> None:
+    """At two of four seeds a post stands in the way of both, which never turned nor came."""
+    own = [row for row in rows if row["controller"] == "fast"]
+    assert [row["contact_kind"] for row in own] == ["", "", "other", "other"]
+    assert [row["contact_with"] for row in own] == ["", "", "post", "post"]
+    assert (
+        condensed(own)["contact_kinds"] == "other 2" and condensed(own[:2])["contact_kinds"] == ""
+    )
+    assert own[2]["avoidable_2s"] is True and np.isnan(own[0]["avoidable_2s"])
+    beginnings = ("contact_", "avoidable_", "level_held_", "forecast_", "plan_")
+    names = [name for name in (*own[0], *condensed(own)) if name.startswith(beginnings)]
+    assert len(names) > 50 and set(names) <= set(column_descriptions("comparison", names))
 
 
 def test_a_controller_gets_the_robot_that_it_drives(gate: Comparison) -> None:

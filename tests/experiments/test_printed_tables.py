@@ -25,7 +25,7 @@ def condensed_rows() -> list[dict[str, object]]:
     """Return the summary of a comparison, of two controllers in three episodes each."""
     played = episode()
     row = {**summarise(played), **measures(played, 0.05, 30.0)}
-    row |= {"avoidable_2s": None, "errors": ""}
+    row |= {"avoidable_2s": None, "contact_kind": "", "errors": ""}
     rows = [{**row, "seed": seed} for seed in range(3)]
     line = condensed(rows) | against(rows, rows)
     return [{"scenario": "field", "controller": name, **line} for name in ("ours", "theirs")]

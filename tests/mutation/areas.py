@@ -95,6 +95,7 @@ TESTS = (
     "warm_start",
     "statistics",
     "windows",
+    "first_contact",
     "gaps",
     "explain",
     "slot_kinds",

@@ -10,9 +10,10 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
-from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.framework.values.plan import Plan, Rung, Situation, Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
-from wideberth.simulation.measures.kept_clear import KeptClear, Person
+from wideberth.simulation.measures.kept_clear import HeededRegions, KeptClear, Person
+from wideberth.tests.helpers.planning import approach, planner
 
 STEPS = 3
 REGION = MahalanobisEllipse()
@@ -123,3 +124,22 @@ def test_shares_are_those_of_the_model(level: Fixed | RiskAllocation) -> None:
         (total[2] / draws, draws, 1.0 - (1.0 - person) ** people),
     ):
         assert abs(share - true) < 3.0 * np.sqrt(true * (1.0 - true) / count)
+
+
+@pytest.mark.parametrize("gap", [16.0, 9.0, 3.5])
+def test_the_regions_aimed_at_are_entered_by_plans_that_gave_way_alone(gap: float) -> None:
+    plan = approach(planner(margin=0.1), gap=gap)
+    regions = HeededRegions.aimed(plan, len(plan.inputs))
+    assert regions is not None
+    entered = regions.contain(plan.positions[None, 1:])
+    assert entered.shape == (1, 1, len(plan.inputs))
+    assert bool(entered.any()) is plan.below_reference is (gap < 10.0)
+    first = HeededRegions.aimed(plan, 2)
+    assert first is not None and first.contain(plan.positions[None, 1:3]).shape == (1, 1, 2)
+
+
+def test_a_plan_without_regions_aims_at_none() -> None:
+    made = plan_with(np.zeros((1, STEPS, 2)), 1.0, ("a",))
+    assert HeededRegions.aimed(made, STEPS) is None
+    known = replace(made, situation=Situation(REGION, 0.4, np.array([0.3]), 0.4))
+    assert HeededRegions.aimed(known, STEPS) is None  # the problem holds no one
