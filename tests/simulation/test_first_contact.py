@@ -113,6 +113,11 @@ def test_who_comes_faster_than_the_robot_can_leave() -> None:
     assert facts(columns(body("robot", EAST), coming(0.95))) == set()
     faster = HolonomicVelocity(0.3, 1.2)
     assert facts(columns(body("robot", EAST), coming(1.05), robot=faster)) == set()
+    hurries = body("other", [(0.0, 4.5, 0.0), (2.7, 2.3, 0.0), (3.3, 1.5, 0.0), (6.0, 0.0, 0.0)])
+    brakes = body("other", [(0.0, 6.0, 0.0), (2.4, 2.4, 0.0), (6.0, 1.0, 0.0)])
+    last = [columns(body("robot", EAST), other) for other in (hurries, brakes)]
+    assert [facts(found) for found in last] == [{"faster"}, set()]
+    assert last[0]["contact_time"] == pytest.approx(2.89, abs=0.021)
     across = body("other", [(0.0, 2.4, -6.0), (6.0, 2.4, 3.0)])  # the robot drives into its side
     assert facts(columns(body("robot", EAST), across)) == set()
 
