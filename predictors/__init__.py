@@ -27,6 +27,7 @@ BUILT_IN: dict[str, str] = {
     "smoothed": "wideberth.predictors.smoothed:Smoothed",
     "social_force": "wideberth.predictors.social_force:SocialForce",
     "static": "wideberth.predictors.static:Static",
+    "turning": "wideberth.predictors.turning:TurningPeople",
     "var": "wideberth.predictors.var:VectorAutoregression",
 }
 

@@ -23,6 +23,7 @@ from .single_gaussian import SingleGaussian as SingleGaussian
 from .smoothed import Smoothed as Smoothed
 from .social_force import SocialForce as SocialForce
 from .static import Static as Static
+from .turning import TurningPeople as TurningPeople
 from .var import VectorAutoregression as VectorAutoregression
-__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'FallbackChain', 'FunctionalConstant', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
+__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'FallbackChain', 'FunctionalConstant', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'TurningPeople', 'VectorAutoregression']
 BUILT_IN: dict[str, str]

@@ -47,7 +47,7 @@ PREDICTORS = {
 }
 PLANE = {
     "coordinated_turn", "game", "mixture_density", "reacting_people", "single_gaussian",
-    "social_force",
+    "social_force", "turning",
 }  # fmt: skip
 """Predictors that leave space to their fallback, and say so."""
 

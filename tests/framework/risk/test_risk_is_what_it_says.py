@@ -186,6 +186,7 @@ WITHOUT = {
     "single_gaussian": "merges what another one says",
     "smoothed": "hands on what another one says of smoothed tracks",
     "social_force": "rolled out, not linear",
+    "turning": "modes stand for sets of turns, which is not linear",
 }
 """Registered predictors that state no linear Gaussian process, and why."""
 REGIONS = {
