@@ -14,7 +14,8 @@ from ..framework.values.polygon import edge_normals, width_across
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, with_fallback
 from .core.history import NOISE_FLOOR, gather, measurement_noise
-from .core.straight_stretch import LONGEST_STRETCH, straight_stretches
+from .core.kalman_filter import filter_axes
+from .core.straight_stretch import LONGEST_STRETCH, since_jump
 from .kalman import Kalman
 
 GOLDEN = 0.6180339887498949
@@ -33,8 +34,8 @@ STROLL = 0.3
 """m/s; who is slower has no direction that could change."""
 SLOWEST = 1e-6
 """m/s, keeps divisions by the speed of an obstacle that stands finite."""
-ACCELERATION_DENSITY = 0.04
-"""m^2/s^3, of the white acceleration of a walk between turns."""
+WALK = Kalman(speed=2.0)
+"""How people walk between turns, and what is known of them at first."""
 PRIOR = 4.0
 """Exposure that the prior of the tendency to turn is worth."""
 NEAREST = 0.1
@@ -130,10 +131,11 @@ class TurningPeople(Adaptive):
     leaves each the weight that plans heed (`LIGHT`); others have weight 0. Turns are sudden,
     and there is one at most up to the last step.
 
-    Place and velocity are those of `straight_stretches`, which follow a sudden turn at once; the
-    noise counts as alike along both axes. Covariances add white acceleration, and what one mode
-    leaves open of the time and direction that it stands for. The joint covariance is exact for
-    this model. A tracker's velocity lags behind a turn and is not used.
+    Place and velocity come from a Kalman filter that begins anew at each jump of the velocity
+    (`since_jump`). Its covariance counts as alike along both axes; to it are added the white
+    acceleration of the filter, and what one mode leaves open of the time and direction that it
+    stands for. The joint covariance is exact for this model. A tracker's velocity lags behind a
+    turn and is not used.
 
     `update` learns by watching. The convex hull of all places where people were, and 1 m
     more, is the area where none is given. For a prior k ~ Gamma(4 k_0, 4) with k_0 the
@@ -195,13 +197,14 @@ class TurningPeople(Adaptive):
             flat = [f"turning: {size} coordinates, needs 2"] * count
             return with_fallback(empty, flat, self.fallback, tracks, scene)
         past = gather(tracks, length=LONGEST_STRETCH + 1)
-        noise = measurement_noise(tracks, NOISE_FLOOR).trace(axis1=1, axis2=2) / 2
-        walk = straight_stretches(past, noise, tracks.dt)
+        noise = measurement_noise(tracks, NOISE_FLOOR)
+        alike = noise.trace(axis1=1, axis2=2) / 2
+        stretch = since_jump(past, alike, tracks.dt, WALK.acceleration_density)
+        walk = filter_axes(stretch, noise, WALK.model(tracks.dt))
         times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
-        variance = noise[:, None] * walk.shares
-        variance[:, 2] += ACCELERATION_DENSITY * walk.length * tracks.dt / 3
-        turns = self._turns(past.origin + walk.place, walk.velocity, times.max(axis=1, initial=0))
-        futures = _Futures(turns, times, variance, ACCELERATION_DENSITY)
+        place, velocity = past.origin + walk.state[:, :2], walk.state[:, 2:]
+        turns = self._turns(place, velocity, times.max(axis=1, initial=0))
+        futures = _Futures(turns, times, _alike(walk.covariance), WALK.acceleration_density)
         own = Forecast(
             futures.mean(),
             futures.covariance(),
@@ -210,7 +213,7 @@ class TurningPeople(Adaptive):
             (None,) * count,
             partial(_joint, futures),
         )
-        missing = ["turning: 1 sample, needs 2" if n < 1 else None for n in walk.length]
+        missing = ["turning: 1 sample, needs 2" if n < 2 else None for n in past.samples]
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
     @cached_property
@@ -287,6 +290,12 @@ class TurningPeople(Adaptive):
         return replace(
             self, state=replace(state, turns=state.turns + seen.turns, exposure=exposure)
         )
+
+
+def _alike(covariance: Array) -> Array:
+    """Variances of place, of place with velocity, and of velocity, (O, 3), mean of both axes."""
+    blocks = covariance.reshape(-1, 2, 2, 2, 2).trace(axis1=2, axis2=4) / 2
+    return np.stack([blocks[:, 0, 0], blocks[:, 0, 1], blocks[:, 1, 1]], axis=1)
 
 
 def _hull(points: Array) -> Array:

@@ -13,10 +13,10 @@ from wideberth.metrics.scoring import energy_score, reached_tail
 from wideberth.predictors import turning
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core import straight_stretch
-from wideberth.predictors.core.history import gather
-from wideberth.predictors.core.propagation import step_joint, white_acceleration
-from wideberth.predictors.core.straight_stretch import straight_stretches
-from wideberth.predictors.kalman import Kalman
+from wideberth.predictors.core.history import gather, measurement_noise
+from wideberth.predictors.core.propagation import white_acceleration
+from wideberth.predictors.core.straight_stretch import LONGEST_STRETCH, since_jump
+from wideberth.predictors.kalman import Kalman, filter_one_by_one
 from wideberth.predictors.turning import TurningPeople
 
 DT = 0.2
@@ -49,7 +49,7 @@ def fine(monkeypatch):
     monkeypatch.setattr(turning, "LIGHT", 1e-9)
     monkeypatch.setattr(turning, "SECTORS", 720)
     monkeypatch.setattr(turning, "CELL", 1e-6)
-    monkeypatch.setattr(turning, "ACCELERATION_DENSITY", 1e-12)
+    monkeypatch.setattr(turning, "WALK", Kalman(1e-12, speed=2.0))
 
 
 def drawn_walks(count, place, velocity, tendency, rng):
@@ -88,7 +88,7 @@ def test_moments_are_those_of_the_stated_walk(fine, tendency):
 
 
 def test_few_modes_have_nearly_the_same_moments(monkeypatch):
-    monkeypatch.setattr(turning, "ACCELERATION_DENSITY", 1e-12)
+    monkeypatch.setattr(turning, "WALK", Kalman(1e-12, speed=2.0))
     place, velocity = np.array([1.0, -2.0]), np.array([1.1, 0.4])
     predictor = TurningPeople(area=SQUARE)
     forecast = predictor.predict(tracks_of(straight(place, velocity)), 20)
@@ -132,19 +132,19 @@ def test_modes_keep_the_speed_and_lead_into_the_area():
     assert inside.mean() > 0.9 and forecast.weight[0, 0] < 0.05
 
 
-def test_the_straight_mode_is_a_linear_process():
-    """Its joint covariance against the recursion from that of the fitted line."""
-    track = tracks_of(straight((0.0, 0.0), (1.0, 0.5)), noise=0.05)
+def test_straight_on_is_what_kalman_says():
+    """The same mean, covariance and joint covariance, where nothing jumped."""
+    rng = np.random.default_rng(1)
+    walks = np.concatenate([straight((y, 0.0), (1.0, 0.1 * y)) for y in range(9)])
+    track = tracks_of(walks + 0.03 * rng.standard_normal(walks.shape), noise=0.03)
+    track = replace(
+        track, positions=np.where(np.arange(12)[:, None] == 7, np.nan, track.positions)
+    )
     forecast = TurningPeople().predict(track, 8)
-    density = turning.ACCELERATION_DENSITY
-    steps, variance = straight_stretch.LONGEST_STRETCH, 0.05**2 + 0.01**2
-    design = np.stack([np.ones(steps + 1), DT * np.arange(-steps, 1.0)], axis=1)
-    start = variance * np.linalg.inv(design.T @ design)
-    start[1, 1] += density * steps * DT / 3
-    start = np.kron(start, np.eye(2))[None]
-    model = white_acceleration(DT, density, 2)
-    wanted = step_joint(*model, start, 2, 8, np.zeros(1, dtype=np.int64))
-    assert forecast.joint[0, 0] == pytest.approx(wanted[0], abs=1e-12)
+    wanted = Kalman(speed=2.0, history=LONGEST_STRETCH + 1).predict(track, 8)
+    assert forecast.mean[:, 0] == pytest.approx(wanted.mean[:, 0], abs=1e-12)
+    assert forecast.covariance[:, 0] == pytest.approx(wanted.covariance[:, 0], abs=1e-12)
+    assert forecast.joint[:, 0] == pytest.approx(wanted.joint[:, 0], abs=1e-12)
 
 
 def test_the_joint_covariance_contains_that_of_each_step():
@@ -161,8 +161,9 @@ def test_a_turn_mode_errs_as_place_and_velocity_do(fine):
     """Covariance of a mode against drawn errors of the state carried through its turn."""
     track = tracks_of(straight((0.0, 0.0), (1.0, 0.5)), noise=0.05)
     forecast = TurningPeople(9, hazard=0.5).predict(track, 12)
-    stretch = straight_stretches(gather(track), np.array([0.05**2 + 0.01**2]), DT)
-    first, cross, second = stretch.shares[0] * (0.05**2 + 0.01**2)
+    noise = measurement_noise(track, 0.01)
+    found = filter_one_by_one(gather(track, length=11), noise, turning.WALK.model(DT))
+    first, cross, second = found.covariance[0, [0, 0, 2], [0, 2, 2]]
     rng = np.random.default_rng(2)
     root = np.linalg.cholesky([[first, cross], [cross, second]])
     place, velocity = np.einsum("ij,jcd->icd", root, rng.standard_normal((2, 40000, 2)))
@@ -174,7 +175,7 @@ def test_a_turn_mode_errs_as_place_and_velocity_do(fine):
     whole = forecast.mean[0, mode, step] / np.hypot(1.0, 0.5)
     start, end = np.array([1.0, 0.5]) / np.hypot(1.0, 0.5), moved[-1] / np.linalg.norm(moved[-1])
     before, behind = np.linalg.solve(np.stack([start, end], axis=1), whole)
-    assert before + behind == pytest.approx(12 * DT) and before > 0.1 < behind
+    assert before + behind == pytest.approx(12 * DT, rel=1e-3) and before > 0.1 < behind
     drawn = place + before * velocity + behind * velocity @ turn.T
     assert np.cov(drawn.T) == pytest.approx(forecast.covariance[0, mode, step], rel=0.05, abs=1e-4)
 
@@ -273,19 +274,35 @@ def test_it_is_calibrated_and_sharper_on_people_who_walk_about():
     assert np.mean(scores["turning"]) < 0.67 * np.mean(scores["kalman"])
 
 
+def begun(walk, noise=NOISE, density=0.02):
+    """Steps since each history begins."""
+    past = gather(tracks_of(walk))
+    found = since_jump(past, np.full(len(walk), noise**2), DT, density)
+    assert (found.samples == found.length).all()
+    return found.length - 1
+
+
+def velocity_of(forecast):
+    """Of walking straight on, m/s."""
+    return (forecast.mean[:, 0, 1] - forecast.mean[:, 0, 0]) / forecast.dt
+
+
 def test_a_jump_at_a_sample_is_followed_one_step_later():
     old, new = (1.2, 0.0), (-0.4, 0.9)
-    for since, exact in ((0.0, False), (DT, True), (2 * DT, True), (5 * DT, True)):
-        walk = corner(old, new, 15, since)
-        stretch = straight_stretches(gather(tracks_of(walk)), np.array([2e-4]), DT)
-        assert bool(np.abs(stretch.velocity[0] - new).max() < 1e-9) is exact
-        assert stretch.length[0] == (10 if since == 0.0 else round(since / DT))
+    for since in (1, 2, 5):
+        walk = corner(old, new, 15, since * DT)
+        assert begun(walk) == since
+        gap = velocity_of(TurningPeople().predict(tracks_of(walk), 2))[0] - new
+        assert np.abs(gap).max() < 0.01
+    assert begun(corner(old, new, 15, 0.0)) == LONGEST_STRETCH
 
 
 def test_a_jump_between_samples_is_followed_two_steps_later():
-    walk = corner((1.2, 0.0), (-0.4, 0.9), 15, 2.5 * DT)
-    stretch = straight_stretches(gather(tracks_of(walk)), np.array([2e-4]), DT)
-    assert stretch.length[0] == 2 and stretch.velocity[0] == pytest.approx([-0.4, 0.9])
+    old, new = (1.2, 0.0), (-0.4, 0.9)
+    walk = corner(old, new, 15, 2.5 * DT)
+    assert begun(walk) == 2
+    gap = velocity_of(TurningPeople().predict(tracks_of(walk), 2))[0] - new
+    assert np.abs(gap).max() < 0.01
 
 
 def test_jumps_are_followed_sooner_than_by_others_and_walks_known_as_well():
@@ -296,8 +313,7 @@ def test_jumps_are_followed_sooner_than_by_others_and_walks_known_as_well():
         walks = np.concatenate([corner((1.3, 0.0), (-0.6, 1.1), 20, since)] * 200)
         track = tracks_of(walks + NOISE * rng.standard_normal(walks.shape))
         for predictor in (TurningPeople(), Kalman(), ConstantVelocity(window=1)):
-            mean = predictor.predict(track, 2).mean[:, 0]
-            gap = (mean[:, 1] - mean[:, 0]) / DT - [-0.6, 1.1]
+            gap = velocity_of(predictor.predict(track, 2)) - [-0.6, 1.1]
             errors[type(predictor).__name__, since] = np.linalg.norm(gap, axis=1).mean()
     turned, steady = 2.2 * DT, 50 * DT
     assert errors["TurningPeople", turned] < 0.2 * errors["Kalman", turned]
@@ -305,26 +321,33 @@ def test_jumps_are_followed_sooner_than_by_others_and_walks_known_as_well():
     assert errors["TurningPeople", steady] < 0.5 * errors["ConstantVelocity", steady]
 
 
-def test_straight_stretches_are_least_squares_with_their_covariance():
+def test_straight_walks_are_refused_as_seldom_as_stated(monkeypatch):
+    """With three samples, of nothing but noise, with the stated probability."""
+    monkeypatch.setattr(straight_stretch, "DOUBT", 0.02)
+    straight_stretch._lines.cache_clear()
     rng = np.random.default_rng(8)
-    walks = np.repeat(straight((0.0, 0.0), (1.0, -0.3)), 4000, axis=0)
-    seen = walks + NOISE * rng.standard_normal(walks.shape)
-    past = gather(tracks_of(seen))
-    stretch = straight_stretches(past, np.full(4000, NOISE**2), DT)
-    whole = stretch.length == straight_stretch.LONGEST_STRETCH
-    # Nine looks of 5 % each, not independent.
-    assert 0.6 < whole.mean() < 0.95
-    one = int(np.flatnonzero(whole)[0])
-    times = DT * np.arange(-10.0, 1.0)
-    fit = np.polyfit(times, past.positions[one, -11:], 1)
-    assert stretch.velocity[one] == pytest.approx(fit[0])
-    assert stretch.place[one] == pytest.approx(fit[1])
-    gaps = np.stack([past.origin + stretch.place, stretch.velocity]) - np.stack(
-        [walks[:, -1], np.tile([1.0, -0.3], (4000, 1))]
-    )
-    spread = np.einsum("aod,bod->ab", gaps[:, whole], gaps[:, whole]) / (2 * whole.sum())
-    first, cross, second = NOISE**2 * stretch.shares[one]
-    assert spread == pytest.approx(np.array([[first, cross], [cross, second]]), rel=0.15)
+    walks = np.repeat(straight((0.0, 0.0), (1.0, -0.3), rows=3), 20000, axis=0)
+    refused = begun(walks + NOISE * rng.standard_normal(walks.shape), density=1e-12) == 1
+    straight_stretch._lines.cache_clear()
+    assert abs(refused.mean() - 0.02) < 3 * np.sqrt(0.02 * 0.98 / 20000)
+
+
+def test_acceleration_moves_walks_off_a_line_as_stated():
+    """Mean square of the residuals of drawn walks against w - 1 times r + q dt^3 g_w."""
+    residual, _, drift = straight_stretch._lines(10, 2)
+    density, rng = 0.5, np.random.default_rng(9)
+    transition, process = white_acceleration(DT, density, 1)
+    root = np.linalg.cholesky(process)
+    state, walks = np.zeros((20000, 2)), []
+    for _ in range(11):
+        walks.append(state[:, 0])
+        state = state @ transition.T + rng.standard_normal(state.shape) @ root.T
+    seen = np.transpose(walks) + 0.1 * rng.standard_normal((20000, 11))
+    for steps in (2, 5, 10):
+        squares = ((seen @ residual[steps].T) ** 2).sum(axis=1)
+        wanted = (steps - 1) * (0.01 + density * DT**3 * drift[steps])
+        error = squares.std() / np.sqrt(len(squares))
+        assert abs(squares.mean() - wanted) < 3 * error
 
 
 def test_short_histories_are_left_to_the_fallback():
