@@ -11,18 +11,11 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import EPISODE_CAPTIONS, check_starts, inputs_of, log_name
+from .agility import agile
 from .comparison_figures import CAPTIONS, summary_pictures
 from .episode_statistics import ANSWERS, SOURCES, against, by_controller, condensed
 from .episodes import SeededStudy, check_robots, check_shown, episode_pictures, measured
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
-
-AXES = {
-    "scenario": "scenarios",
-    "robot": "robots",
-    "settings": "settings",
-    "controller": "controllers",
-}
-"""Column of the table -> field of the experiment."""
 
 
 @final
@@ -40,6 +33,8 @@ class Comparison(SeededStudy):
     ----------
     scenarios : by name; each seed draws the same situation for every controller.
     robots : models of the plants, by name.
+    agility : names of `wideberth.experiments.studies.agility.AGILITY`: every robot drives with
+        each of these limits, and the column ``robot`` has both names. Empty for its own limits.
     controllers : by name.
     settings : clock, noise and end of the episodes, by name; a sweep over faults has several.
     baseline : controller that the others are compared with in pairs; empty for the first.
@@ -68,6 +63,7 @@ class Comparison(SeededStudy):
     baseline: str = ""
     oracle: str = ""
     show: tuple[int, ...] = ()
+    agility: tuple[str, ...] = ()
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
@@ -83,11 +79,13 @@ class Comparison(SeededStudy):
             {f"robots.{name}": one for name, one in self.robots.items()},
             {f"controllers.{name}": one for name, one in self.controllers.items()},
         )
+        for robot in self._plants.values():
+            for controller in self.controllers.values():
+                driving(controller, robot)
 
     def axes(self) -> Axes:
         """All scenarios, robots, settings and controllers."""
-        axes: dict[Any, Any] = {column: getattr(self, name) for column, name in AXES.items()}
-        return {**axes, "seed": self.seed_range}
+        return {**self._axes, "seed": self.seed_range}
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
@@ -95,14 +93,14 @@ class Comparison(SeededStudy):
 
     def check(self) -> None:
         """Begin an episode of the first seed in every scenario with every robot and controller."""
-        for robot in self.robots.values():
+        for robot in self._plants.values():
             driven = {name: driving(one, robot) for name, one in self.controllers.items()}
             check_starts(self.scenarios, robot, driven, self.first_seed)
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         scenario, robot, settings, controller = (
-            getattr(self, name)[task.settings[column]] for column, name in AXES.items()
+            entries[task.settings[column]] for column, entries in self._axes.items()
         )
         driven = driving(controller, robot)
         return measured(scenario, robot, driven, settings, task, self.tail, self.show)
@@ -112,10 +110,10 @@ class Comparison(SeededStudy):
 
         Of scenario, robot and settings those are named of which there are several.
         """
-        places = [name for name in AXES if name != "controller"]
+        places = [name for name in self._axes if name != "controller"]
         lines = []
         for known, some in labelled(rows, *places):
-            head = {name: known[name] for name in places if len(getattr(self, AXES[name])) > 1}
+            head = {name: known[name] for name in places if len(self._axes[name]) > 1}
             played = by_controller(some)
             for name, own in played.items():
                 line = {**head, "controller": name, **condensed(own)}
@@ -146,8 +144,29 @@ class Comparison(SeededStudy):
         Cut short, no episode would have an arrival, and there would be nothing to compare.
         """
         show = tuple(seed for seed in self.show if seed == self.first_seed)
-        few = reduced(self, scenarios=1, robots=1, settings=1, seeds=1)
+        few = reduced(self, scenarios=1, robots=1, agility=1, settings=1, seeds=1)
         return replace(few, show=show)
+
+    @property
+    def _axes(self) -> dict[Any, Mapping[str, Any]]:
+        """Column of the table -> its entries by name."""
+        return {
+            "scenario": self.scenarios,
+            "robot": self._plants,
+            "settings": self.settings,
+            "controller": self.controllers,
+        }
+
+    @property
+    def _plants(self) -> Mapping[str, Robot]:
+        """Robots with all limits that are asked for, by the names of both."""
+        if not self.agility:
+            return self.robots
+        return {
+            f"{name} {limits}": agile(robot, limits, f"robots.{name}")
+            for name, robot in self.robots.items()
+            for limits in self.agility
+        }
 
     @property
     def _baseline(self) -> str:

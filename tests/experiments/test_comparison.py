@@ -12,6 +12,7 @@ from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.column_descriptions import column_descriptions
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
+from wideberth.experiments.studies.agility import AGILITY, agile
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.comparison_figures import _front, _pairs
 from wideberth.experiments.studies.episode_statistics import against, condensed, means, promised
@@ -201,6 +202,52 @@ def test_a_controller_gets_the_robot_that_it_drives(gate: Comparison) -> None:
     assert driving(wrapped, other) is wrapped
     both = replace(gate, robots={"disc": own, "unicycle": other})
     assert len(both.tasks()) == 16
+
+
+def test_agility_is_a_row_of_its_own(gate: Comparison) -> None:
+    """From 0.5 to 1 m/s a robot with the acceleration a loses (0.5 m/s)^2 / (2 a 1 m/s) s."""
+    robot = Unicycle(0.3, max_speed=1.0)
+    study = replace(
+        gate,
+        robots={"wheels": robot},
+        controllers={"fast": Straight(FAST, robot)},
+        settings={"fine": Settings(plant_step=0.01, goal_tolerance=0.3)},
+        agility=("shipped", "person"),
+        seeds=1,
+    )
+    rows = [row for task in study.tasks() for row in study.measure(task).rows]
+    assert [row["robot"] for row in rows] == ["wheels shipped", "wheels person"]
+    slow, quick = (row["success_time"] for row in rows)
+    assert slow - quick == pytest.approx(0.125 / 0.7 - 0.125 / 3.0, abs=0.015)
+    assert [line["robot"] for line in study.summary(rows)] == ["wheels shipped", "wheels person"]
+    assert study.quick().agility == ("shipped",)
+
+
+@pytest.mark.parametrize(
+    "name", ["random_crowd", "hallway", "crowdnav_kinodynamic", "pedestrian_corridor"]
+)
+def test_crowds_can_be_met_by_other_robots(name: str) -> None:
+    """With another agility the robot keeps its size and its speed, and all controllers take it."""
+    study, _ = read_experiment(name, ["agility=[shipped, service, person]"])
+    assert isinstance(study, Comparison)
+    (own,) = study.robots.values()
+    places = len(study.scenarios) * len(study.controllers) * study.seeds
+    assert len(study.tasks()) == 3 * places
+    for word, limits in AGILITY.items():
+        found = agile(own, word, "")
+        assert all(getattr(found, key) == value for key, value in limits.items())
+        assert (found.radius, found.max_speed) == (own.radius, own.max_speed)
+        assert (found == own) is (name == "random_crowd" and word == "shipped")
+
+
+def test_an_agility_that_does_not_fit_is_refused(gate: Comparison) -> None:
+    with pytest.raises(WideberthError, match=r"agility: .*'persn'.*person"):
+        replace(gate, agility=("persn",))
+    lacking = "max_acceleration, max_yaw_acceleration, max_yaw_rate"
+    with pytest.raises(
+        WideberthError, match=f"robots.disc is a HolonomicVelocity without {lacking}"
+    ):
+        replace(gate, agility=("person",))
 
 
 def test_what_makes_no_comparison_is_refused(gate: Comparison) -> None:
