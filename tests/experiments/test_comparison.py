@@ -16,7 +16,7 @@ from wideberth.experiments.studies.agility import AGILITY, agile
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.comparison_figures import _front, _pairs
 from wideberth.experiments.studies.episode_statistics import against, condensed, means, promised
-from wideberth.framework.controller import Controller, driving
+from wideberth.framework.controller import Controller, DrivesRobot, driving
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation
@@ -238,6 +238,15 @@ def test_crowds_can_be_met_by_other_robots(name: str) -> None:
         assert all(getattr(found, key) == value for key, value in limits.items())
         assert (found.radius, found.max_speed) == (own.radius, own.max_speed)
         assert (found == own) is (name == "random_crowd" and word == "shipped")
+
+
+def test_a_limit_that_is_set_reaches_all_who_name_the_robot() -> None:
+    """Controllers name the robot by an alias, so that one override is enough."""
+    study, _ = read_experiment("random_crowd", ["robots.unicycle.max_acceleration=3.0"])
+    assert isinstance(study, Comparison)
+    driven: list[Any] = [*study.robots.values()]
+    driven += [one.robot for one in study.controllers.values() if isinstance(one, DrivesRobot)]
+    assert [one.max_acceleration for one in driven] == [3.0] * 7
 
 
 def test_an_agility_that_does_not_fit_is_refused(gate: Comparison) -> None:
