@@ -1,0 +1,182 @@
+"""Rivals in random crowds with the limits of three robots, each at its best of a stated grid.
+
+    python benchmarks/crowd_rivals.py tune     # every setting of `GRIDS`; resumes where it stopped
+    python benchmarks/crowd_rivals.py count    # the best ones at seeds that were not looked at
+    python benchmarks/crowd_rivals.py table    # prints what both found
+
+Plant, noise and time limit are those of the shipped config `random_crowd`; an episode ends at the
+first contact, which changes no verdict. Tuned at 10 people per 100 m^2: the best setting is the
+one that arrives most often, the faster of two that arrive as often. A row per episode goes to
+``crowd_rivals_rows.csv``; ``crowd_rivals_tuning.csv`` has a row per setting.
+"""
+
+import csv
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measuring import Row, markdown
+
+from wideberth.experiments.engine.closed_loop import group, play
+from wideberth.experiments.engine.csv_tables import write_table
+from wideberth.experiments.engine.shipped_configs import read_experiment
+from wideberth.experiments.studies.agility import AGILITY, agile
+from wideberth.framework import build
+from wideberth.metrics.statistics import clopper_pearson
+from wideberth.simulation.measures.episode_measures import measures
+
+GRIDS: dict[str, dict[str, tuple[float, ...]]] = {
+    "orca": {
+        "reference_speed": (0.7, 1.0),
+        "time_horizon": (2.0, 5.0),
+        "safety_space": (0.1, 0.2),
+    },
+    "social_force": {
+        "reference_speed": (0.7, 1.0),
+        "strength": (3.0, 9.0),
+        "reach": (0.18, 0.35),
+    },
+    "bilevel_orca": {
+        "reference_speed": (0.7, 1.0),
+        "people_speed": (0.5, 1.5),
+    },
+}
+"""Controller -> parameter -> values. ORCA was also tried at 1 s and at 0.01 m: never the best."""
+BEYOND = {
+    "orca": (
+        {"reference_speed": 1.0, "time_horizon": 2.0, "safety_space": 0.3},
+        {"reference_speed": 1.0, "time_horizon": 3.0, "safety_space": 0.2},
+    )
+}
+"""Settings beside the best one, which was at the edge of its grid."""
+SLOW = "bilevel_orca"
+"""Takes 3 s of processor time an episode: it has fewer seeds, is tuned with the shipped limits
+alone, and counted at the lower density alone."""
+TUNED = {"orca": range(100, 120), "social_force": range(100, 110), SLOW: range(100, 110)}
+"""Controller -> seeds of the choice."""
+COUNTED, COUNTED_SLOW = range(3000, 3100), range(3000, 3020)
+"""Seeds of the count."""
+CROWDS = {10: "people_10_per_100_m2", 20: "people_20_per_100_m2"}
+"""People per 100 m^2 -> scenario of the config."""
+HERE = Path(__file__).parent
+TUNING, ROWS = HERE / "crowd_rivals_tuning.csv", HERE / "crowd_rivals_rows.csv"
+
+
+def grid(controller: str) -> Iterator[dict[str, float]]:
+    """Return every setting of a controller's grid."""
+    values = GRIDS[controller]
+    for chosen in product(*values.values()):
+        yield dict(zip(values, chosen, strict=True))
+    yield from BEYOND.get(controller, ())
+
+
+def verdicts(
+    limits: str, people: int, name: str, given: dict[str, float], seeds: Iterable[int]
+) -> Iterator[Row]:
+    """Play episodes; return verdict and time of each, as rows."""
+    study, _ = read_experiment("random_crowd", [])
+    made: Any = study
+    (robot,), (settings,) = made.robots.values(), made.settings.values()
+    robot = agile(robot, limits, "robots")
+    controller = build("controllers", {"type": name, "robot": robot, **given})
+    settings = replace(settings, stop_on_collision=True)
+    scenario = made.scenarios[CROWDS[people]]
+    for seed in seeds:
+        episode = play(scenario, robot, controller, settings, seed)
+        found = measures(episode, 0.05, settings.time_limit)
+        verdict = {"success": "arrived", "collision": "contact"}.get(found["outcome"], "late")
+        time = round(float(found["success_time"]), 2)
+        yield {"limits": limits, "people": people, "controller": name} | {
+            "seed": seed, "verdict": verdict, "time_s": time
+        }  # fmt: skip
+
+
+def read(path: Path) -> list[Row]:
+    """Return the rows of a table; none where there is no file."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def condensed(rows: list[Row]) -> Row:
+    """Return how many arrive, touch and are late, and the mean time of those that arrive."""
+    times = [float(row["time_s"]) for row in rows if row["verdict"] == "arrived"]
+    words = [row["verdict"] for row in rows]
+    shares = {word: words.count(word) for word in ("arrived", "contact", "late")}
+    return {"seeds": len(rows), **shares, "time_mean_s": float(np.mean(times or [np.nan]))}
+
+
+def tune(names: list[str]) -> None:
+    """Play every setting that the table lacks."""
+    lines = read(TUNING)
+    for name, limits in product(names, AGILITY):
+        if limits != tuned_with(name, limits):
+            continue
+        for given in grid(name):
+            key = {"limits": limits, "controller": name, "setting": worded(given)}
+            if any(all(line[k] == v for k, v in key.items()) for line in lines):
+                continue
+            found = condensed(list(verdicts(limits, 10, name, given, TUNED[name])))
+            lines.append(key | found)
+            write_table(TUNING, lines)
+            print(*lines[-1].values(), flush=True)
+
+
+def worded(given: dict[str, float]) -> str:
+    """Return a setting as text."""
+    return " ".join(f"{key}={value:g}" for key, value in given.items())
+
+
+def tuned_with(name: str, limits: str) -> str:
+    """Return the limits with which a controller was tuned for these."""
+    return "shipped" if name == SLOW else limits
+
+
+def best(limits: str, name: str) -> dict[str, float]:
+    """Return the best setting of a controller with these limits."""
+    lines = group(read(TUNING), "controller", "limits")[name, tuned_with(name, limits)]
+    chosen = max(lines, key=lambda line: (int(line["arrived"]), -float(line["time_mean_s"])))
+    return {key: float(v) for key, v in (part.split("=") for part in chosen["setting"].split())}
+
+
+def count(names: list[str]) -> None:
+    """Play the best settings at the seeds of the count, those that the table lacks."""
+    rows = read(ROWS)
+    for name, people, limits in product(names, CROWDS, AGILITY):
+        key = {"limits": limits, "people": str(people), "controller": name}
+        played = {int(row["seed"]) for row in rows if all(row[k] == v for k, v in key.items())}
+        if name == SLOW and people != 10:
+            continue
+        seeds = [
+            seed for seed in (COUNTED_SLOW if name == SLOW else COUNTED) if seed not in played
+        ]
+        rows += verdicts(limits, people, name, best(limits, name), seeds)
+        write_table(ROWS, rows)
+        print(name, people, limits, flush=True)
+
+
+def table() -> None:
+    """Print the chosen settings and the count."""
+    lines = []
+    for (name, people, limits), own in group(read(ROWS), "controller", "people", "limits").items():
+        found = condensed(own)
+        low, high = clopper_pearson(found["arrived"], len(own))
+        lines.append({
+            "controller": name, "people": people, "limits": limits, **found,
+            "low": low, "high": high, "setting": worded(best(limits, name)),
+        })  # fmt: skip
+    print(markdown("Rivals", lines))
+
+
+def main(task: str, *names: str) -> None:
+    """Do one of the tasks."""
+    {"tune": tune, "count": count, "table": lambda _: table()}[task](list(names or GRIDS))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
