@@ -90,7 +90,8 @@ def made(factor: str, value: object, seed: int, time: float, clearance: float) -
     )  # fmt: skip
     success = np.isfinite(time)
     row |= {"factor": factor, "value": value, "seed": seed, "success": bool(success)}
-    row |= {"outcome": "success" if success else "timeout", "success_time": time, "errors": None}
+    row |= {"outcome": "success" if success else "timeout", "success_time": time}
+    row |= {"errors": None, "contact_kind": None}
     row |= {"penalised_time": time if success else 60.0, "clearance": clearance}
     return row | {"plans": 10, "frozen": False}
 
