@@ -1,6 +1,6 @@
 """Classify the first contacts of a controller in random crowds, and table why they happen.
 
-The episodes are those of the shipped config `random_crowd`, of one scenario and controller::
+The episodes are those of one scenario and controller of a comparison, `random_crowd` by default::
 
     python benchmarks/first_contacts.py run --out results/first_contacts --seeds 100
     python benchmarks/first_contacts.py table benchmarks/first_contacts_rows.csv
@@ -25,7 +25,6 @@ from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.arrays import Array
 from wideberth.simulation.measures.first_contact import KINDS, LEADS, lead_column
 
-CONFIG = "random_crowd"
 LABELS = ("seed", "outcome", "success_time", "contact_", "other_kind")
 PLANNED = ("forecast_error", "forecast_deviations", "forecast_risk", "plan_clear", "plan_gave_way")
 KEPT = (*LABELS, "avoidable_", "level_held_", *PLANNED, "plan_rung")
@@ -36,9 +35,9 @@ LIKELY = 0.01
 """Probability of a touch from which on a forecast is said to have given it."""
 
 
-def study(scenario: str, controller: str, first: int, count: int) -> Comparison:
-    """Return the shipped study, of one scenario and controller, at other seeds."""
-    whole, _ = read_experiment(CONFIG, [])
+def study(config: str, scenario: str, controller: str, first: int, count: int) -> Comparison:
+    """Return the study of a config, of one scenario and controller, at other seeds."""
+    whole, _ = read_experiment(config, [])
     assert isinstance(whole, Comparison)
     return replace(
         whole,
@@ -165,7 +164,8 @@ def tables(rows: Sequence[Row]) -> str:
 
 def play(options: argparse.Namespace) -> None:
     """Play the episodes, keep the rows and print their tables."""
-    experiment = study(options.scenario, options.controller, options.first_seed, options.seeds)
+    asked = options.scenario, options.controller, options.first_seed, options.seeds
+    experiment = study(options.config, *asked)
     out = Path(options.out)
     run(experiment, out, workers=options.workers)
     rows = kept(experiment, read_table(out / "table.csv"))
@@ -181,6 +181,7 @@ def main(words: Sequence[str] | None = None) -> None:
     commands = parser.add_subparsers(required=True)
     playing = commands.add_parser("run", help="play the episodes, or go on, and table them")
     playing.add_argument("--out", required=True, help="folder of the result")
+    playing.add_argument("--config", default="random_crowd", help="of a comparison")
     playing.add_argument("--scenario", default="people_10_per_100_m2")
     playing.add_argument("--controller", default="ours")
     playing.add_argument("--first-seed", type=int, default=2000)

@@ -67,7 +67,7 @@ def test_turns_are_held_against_what_avoids_them(script: Any) -> None:
 
 
 def test_the_study_is_the_shipped_one_at_other_seeds(script: Any) -> None:
-    made = script.study("people_10_per_100_m2", "orca", 3, 2)
+    made = script.study("random_crowd", "people_10_per_100_m2", "orca", 3, 2)
     assert list(made.controllers) == ["orca"] == [made.baseline] and made.show == ()
     assert [task.seed for task in made.tasks()] == [3, 4]
     people = made.scenarios["people_10_per_100_m2"].cast(3).people
