@@ -13,7 +13,7 @@ from ..framework.values.forecast import LIGHT, Forecast, Scene
 from ..framework.values.polygon import edge_normals, width_across
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, with_fallback
-from .core.history import NOISE_FLOOR, gather, measurement_noise
+from .core.history import NOISE_FLOOR, Histories, gather, measurement_noise
 from .core.kalman_filter import filter_axes
 from .core.straight_stretch import LONGEST_STRETCH, since_jump
 from .kalman import Kalman
@@ -36,6 +36,9 @@ SLOWEST = 1e-6
 """m/s, keeps divisions by the speed of an obstacle that stands finite."""
 WALK = Kalman(speed=2.0)
 """How people walk between turns, and what is known of them at first."""
+UNREST = 0.4
+"""m/s, standard deviation that the velocity has in addition at a jump, and no more after
+`LONGEST_STRETCH` steps."""
 PRIOR = 4.0
 """Exposure that the prior of the tendency to turn is worth."""
 NEAREST = 0.1
@@ -133,9 +136,10 @@ class TurningPeople(Adaptive):
 
     Place and velocity come from a Kalman filter that begins anew at each jump of the velocity
     (`since_jump`). Its covariance counts as alike along both axes; to it are added the white
-    acceleration of the filter, and what one mode leaves open of the time and direction that it
-    stands for. The joint covariance is exact for this model. A tracker's velocity lags behind a
-    turn and is not used.
+    acceleration of the filter, what one mode leaves open of the time and direction that it
+    stands for, and 0.4 m/s of the velocity at a jump, less with every step after it: who has
+    just swerved swerves again. The joint covariance is exact for this model. A tracker's
+    velocity lags behind a turn and is not used.
 
     `update` learns by watching. The convex hull of all places where people were, and 1 m
     more, is the area where none is given. For a prior k ~ Gamma(4 k_0, 4) with k_0 the
@@ -198,13 +202,10 @@ class TurningPeople(Adaptive):
             return with_fallback(empty, flat, self.fallback, tracks, scene)
         past = gather(tracks, length=LONGEST_STRETCH + 1)
         noise = measurement_noise(tracks, NOISE_FLOOR)
-        alike = noise.trace(axis1=1, axis2=2) / 2
-        stretch = since_jump(past, alike, tracks.dt, WALK.acceleration_density)
-        walk = filter_axes(stretch, noise, WALK.model(tracks.dt))
+        place, velocity, variance = _walks(past, noise, tracks.dt)
         times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
-        place, velocity = past.origin + walk.state[:, :2], walk.state[:, 2:]
         turns = self._turns(place, velocity, times.max(axis=1, initial=0))
-        futures = _Futures(turns, times, _alike(walk.covariance), WALK.acceleration_density)
+        futures = _Futures(turns, times, variance, WALK.acceleration_density)
         own = Forecast(
             futures.mean(),
             futures.covariance(),
@@ -292,10 +293,20 @@ class TurningPeople(Adaptive):
         )
 
 
-def _alike(covariance: Array) -> Array:
-    """Variances of place, of place with velocity, and of velocity, (O, 3), mean of both axes."""
-    blocks = covariance.reshape(-1, 2, 2, 2, 2).trace(axis1=2, axis2=4) / 2
-    return np.stack([blocks[:, 0, 0], blocks[:, 0, 1], blocks[:, 1, 1]], axis=1)
+def _walks(past: Histories, noise: Array, dt: float) -> tuple[Array, Array, Array]:
+    """Place (O, 2), m, and velocity (O, 2), m/s, now, filtered since the last jump.
+
+    The third are variances, means of both axes, of place, of place with velocity, and of velocity,
+    (O, 3). Who has just jumped jumps again: `UNREST` fades with the steps since then.
+    """
+    alike = noise.trace(axis1=1, axis2=2) / 2
+    stretch = since_jump(past, alike, dt, WALK.acceleration_density)
+    walk = filter_axes(stretch, noise, WALK.model(dt))
+    blocks = walk.covariance.reshape(-1, 2, 2, 2, 2).trace(axis1=2, axis2=4) / 2
+    variance = blocks[:, [0, 0, 1], [0, 1, 1]]
+    left = 1.0 - (stretch.length - 1) / LONGEST_STRETCH
+    variance[:, 2] += UNREST**2 * np.where(stretch.began > past.began, left, 0.0)
+    return past.origin + walk.state[:, :2], walk.state[:, 2:], variance
 
 
 def _hull(points: Array) -> Array:

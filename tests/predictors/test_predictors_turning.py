@@ -350,6 +350,19 @@ def test_acceleration_moves_walks_off_a_line_as_stated():
         assert abs(squares.mean() - wanted) < 3 * error
 
 
+def test_who_has_just_jumped_may_jump_again():
+    """Variance of the velocity, less with every step since, and none after a straight walk."""
+    spread = []
+    for since in (1, 5, 9, 12):
+        track = tracks_of(corner((1.2, 0.0), (-0.4, 0.9), 15, since * DT))
+        forecast = TurningPeople().predict(track, 2)
+        history = Kalman(speed=2.0, history=min(since, LONGEST_STRETCH) + 1)
+        added = forecast.covariance[0, 0, 1] - history.predict(track, 2).covariance[0, 0, 1]
+        assert added[0, 1] == pytest.approx(0.0, abs=1e-12)
+        spread.append(added[0, 0] / (2 * DT) ** 2)
+    assert spread == pytest.approx([0.16 * 0.9, 0.16 * 0.5, 0.16 * 0.1, 0.0], abs=1e-12)
+
+
 def test_short_histories_are_left_to_the_fallback():
     walk = np.concatenate([straight((0.0, 0.0), (1.0, 0.0))] * 3)
     walk[1, :-1], walk[2] = np.nan, np.nan
