@@ -86,7 +86,7 @@ REASONS: dict[str, str] = {
         Bhattacharyya: robot_deviation
         BilevelOrca: dt horizon obstacle_horizon people_speed time_horizon
         Chords: collinear deviation enlargement fewest gap largest proportion separation split
-        CircularForce: reach stiffness strength wall_reach wall_strength
+        CircularForce: stiffness wall_reach wall_strength
         ConstantAcceleration: time_constant
         Contouring: knots lag
         CoordinatedTurn: acceleration_density turn_time yaw_rate
