@@ -7,10 +7,10 @@ from typing import ClassVar, Self, final
 import numpy as np
 
 from ..framework.predictor import Adaptive, Predictor
-from ..framework.values.arrays import Array, BoolArray, checked, positive, whole
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import Array, BoolArray, positive, whole
+from ..framework.values.convex_area import THIN, ConvexArea, Corners, checked_area
 from ..framework.values.forecast import LIGHT, Forecast, Scene
-from ..framework.values.polygon import edge_normals, width_across
+from ..framework.values.polygon import width_across
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, with_fallback
 from .core.history import NOISE_FLOOR, Histories, gather, measurement_noise
@@ -41,49 +41,6 @@ UNREST = 0.4
 `LONGEST_STRETCH` steps."""
 PRIOR = 4.0
 """Exposure that the prior of the tendency to turn is worth."""
-NEAREST = 0.1
-"""m, least way to the border."""
-THIN = 0.1
-"""m; what people use is no area as long as it is not wider."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Area:
-    """A convex area that people do not leave: all p with n . p <= offset for all its borders.
-
-    Attributes
-    ----------
-    normal : (E, 2), outward unit normals.
-    offset : (E,), m.
-    """
-
-    normal: Array
-    offset: Array
-
-    @classmethod
-    def around(cls, corners: Array, beyond: float) -> "Area":
-        """Return the area inside corners (V, 2), m, of a convex outline, and ``beyond`` m more."""
-        middle = corners.mean(axis=0)
-        normal = edge_normals(corners - middle)
-        offset = (normal * (corners - middle)).sum(axis=1)
-        outward = np.where(offset >= 0.0, 1.0, -1.0)
-        normal = normal * outward[:, None]
-        return cls(normal, offset * outward + normal @ middle + beyond)
-
-    def way_left(self, place: Array, direction: Array) -> Array:
-        """How far it is to the border from places, (O, M, 2), m, in directions (O, K, 2).
-
-        Returns
-        -------
-        distance : (O, M, K), m, along unit vectors, at least `NEAREST`; so it is where people
-            outside walk away.
-        """
-        towards = np.einsum("ed,okd->eok", self.normal, direction)
-        pace = 1.0 / np.maximum(towards, 1e-9)
-        room = self.offset[:, None, None] - np.einsum("ed,omd->eom", self.normal, place)
-        distance = (np.maximum(room, 0.0)[..., None] * pace[:, :, None]).min(axis=0)
-        return np.asarray(np.maximum(distance, NEAREST))
 
 
 @final
@@ -105,12 +62,12 @@ class WatchedTurns:
     corners: tuple[tuple[float, float], ...] = ()
 
     @cached_property
-    def area(self) -> Area | None:
+    def area(self) -> ConvexArea | None:
         """The area that people use; None as long as there is none."""
         corners = np.reshape(self.corners, (-1, 2))
         if len(corners) < 3 or width_across(corners) < THIN:
             return None
-        return Area.around(corners, LEARNT_BORDER)
+        return ConvexArea.around(corners, LEARNT_BORDER)
 
 
 @final
@@ -173,7 +130,7 @@ class TurningPeople(Adaptive):
     """
 
     modes: int = 24
-    area: tuple[tuple[float, float], ...] = ()
+    area: Corners = ()
     hazard: float = 0.05
     tendency: float = 1.0
     fallback: Predictor = field(default_factory=Kalman)
@@ -185,12 +142,7 @@ class TurningPeople(Adaptive):
         whole("turning.modes", self.modes, least=2)
         for name in ("hazard", "tendency"):
             positive(f"turning.{name}", getattr(self, name))
-        corners = checked("turning.area", np.reshape(self.area, (-1, 2)), (None, 2))
-        if len(corners) and (len(corners) < 3 or width_across(corners) < THIN):
-            raise WideberthError(
-                f"turning.area is {self.area}; wanted three corners or more around an area wider "
-                f"than {THIN:g} m, or none"
-            )
+        checked_area("turning.area", self.area)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
@@ -218,9 +170,9 @@ class TurningPeople(Adaptive):
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
     @cached_property
-    def _known_area(self) -> Area | None:
+    def _known_area(self) -> ConvexArea | None:
         if self.area:
-            return Area.around(_hull(np.array(self.area)), GIVEN_BORDER)
+            return ConvexArea.around(_hull(np.array(self.area)), GIVEN_BORDER)
         return None if self.state is None else self.state.area
 
     @property
@@ -318,7 +270,7 @@ def _hull(points: Array) -> Array:
 
 
 def _ways(
-    area: Area | None, place: Array, heading: Array, quantile: Array, cell: Array
+    area: ConvexArea | None, place: Array, heading: Array, quantile: Array, cell: Array
 ) -> tuple[Array, Array]:
     """Choose new directions for those who turn at places (O, M, 2), m.
 

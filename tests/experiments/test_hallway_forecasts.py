@@ -34,9 +34,5 @@ def test_people_who_make_way_are_expected_where_they_go() -> None:
     """Straight on they are missed by 0.2 to 0.3 m in the mean; doors are 1 m wide."""
     study, _ = read_experiment("hallway", [])
     assert isinstance(study, Comparison)
-    found = [
-        error
-        for layout in ("bottleneck", "squeeze")
-        for error in errors(study, layout, 100)
-    ]
+    found = [error for layout in ("bottleneck", "squeeze") for error in errors(study, layout, 100)]
     assert len(found) > 100 and np.mean(found) < 0.2
