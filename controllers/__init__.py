@@ -4,6 +4,7 @@ from ..framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
     "acp": "wideberth.controllers.acp:AdaptiveConformalPlanner",
+    "around_crowds": "wideberth.routes.around_crowds:AroundCrowds",
     "bilevel_orca": "wideberth.controllers.bilevel_orca:BilevelOrca",
     "cc": "wideberth.controllers.cc:ConformalController",
     "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocityController",

@@ -17,5 +17,6 @@ from .social_force import SocialForceController as SocialForceController
 from .withdrawing import Withdrawing as Withdrawing
 from ..framework.mpc.planner.planner import Planner as Planner
 from ..nav2.server.navigator import Nav2 as Nav2
-__all__ = ['AdaptiveConformalPlanner', 'BilevelOrca', 'ConformalController', 'ConstantVelocityController', 'DynamicWindow', 'EgocentricConformalPlanner', 'FunctionalConformalPlanner', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
+from ..routes.around_crowds import AroundCrowds as AroundCrowds
+__all__ = ['AdaptiveConformalPlanner', 'AroundCrowds', 'BilevelOrca', 'ConformalController', 'ConstantVelocityController', 'DynamicWindow', 'EgocentricConformalPlanner', 'FunctionalConformalPlanner', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
 BUILT_IN: dict[str, str]

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..framework.control.command_limits import FAST as FAST
 from ..framework.control.command_limits import attained, turns_on_the_spot
+from ..framework.control.command_limits import top_speed as top_speed
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Twist
@@ -17,12 +18,6 @@ TURN_GAIN = 2.0
 """1/s, yaw rate per angle between heading and wanted velocity."""
 CRAWL = 0.3
 """Share of the wanted speed that a robot keeps which cannot turn on the spot."""
-
-
-def top_speed(robot: Robot, state: Array) -> float:
-    """Highest speed of the robot straight ahead, m/s."""
-    ahead = Twist((FAST, *np.zeros(robot.dimension - 1)))
-    return float(attained(robot, state, [ahead])[0, 0])
 
 
 def velocity_of(robot: Robot, state: Array) -> Array | None:

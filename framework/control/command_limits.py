@@ -51,6 +51,12 @@ def attained(
     return np.stack(columns[:-1], axis=-1).astype(np.float64)
 
 
+def top_speed(robot: Robot, state: Array) -> float:
+    """Highest speed of the robot straight ahead, m/s."""
+    ahead = Twist((FAST, *np.zeros(robot.dimension - 1)))
+    return float(attained(robot, state, [ahead])[0, 0])
+
+
 def deceleration(robot: Robot) -> float:
     """Return how fast a robot that drives slowly along its first axis can brake, m/s^2."""
     slow, soon = 0.1, 1e-3

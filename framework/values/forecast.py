@@ -211,6 +211,12 @@ class Forecast:
         rest = mean[:, :, steps:], covariance[:, :, steps:]
         return first, altered(self, mean=rest[0], covariance=rest[1], joint_source=None)
 
+    def likeliest(self) -> "Forecast":
+        """Return the same with the heaviest mode of each obstacle alone."""
+        rows, best = np.arange(len(self.weight)), self.weight.argmax(axis=1)
+        mean, covariance = self.mean[rows, best], self.covariance[rows, best]
+        return Forecast.single(mean, covariance, self.dt, self.fallback)
+
     def sample(self, rng: np.random.Generator, count: int) -> Array:
         """Draw trajectories, (count, O, N, D), m.
 

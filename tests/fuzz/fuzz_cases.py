@@ -174,7 +174,7 @@ def rivals() -> list[dict[str, Any]]:
     for index, name in enumerate(n for n in names("controllers") if n != "mpc"):
         robot = "unicycle" if name in UNICYCLES else flat[index % len(flat)]
         one: dict[str, Any] = {"type": name, "robot": robot}
-        if name == "withdrawing":
+        if name in ("around_crowds", "withdrawing"):
             one = {"type": name, "controller": {"type": "orca", "robot": robot}}
         if name == "policy":
             one["policy"] = "fuzz_cases:straight_on"

@@ -49,8 +49,10 @@ from ..slots.base import (
 from ..slots.reachability import Travel
 from ..solver import SizelessSolver
 from .emergency import command_of_plan, emergency
+from .expected_contact import Judge
 from .in_contact import InContact, expected_now
 from .instance import Instance
+from .judging import best_manoeuvre, judged
 from .multistart import MultiStart, MultiStartResult
 from .own_uncertainty import OwnUncertainty, carried
 from .rollout import RobotMotion, carry, follow
@@ -353,9 +355,15 @@ def _planned(
     """Fill the problem, solve it from several starts, take the best rung, and command."""
     robot = settings.robot
     instance, first = _filled(settings, state, services, course, frame)
-    starts = MultiStart(services.watch, settings.starts, budget)
-    outcome = starts.run(instance, first, state.obstacle_in_way)
-    plan, point = choose(settings.fallback.ladder, LadderInput(instance, outcome), course.stamp)
+    judge = _judge(settings, state, course, frame)
+    names = settings.starts if judge is None else ()
+    manoeuvre = None if judge is None else best_manoeuvre(judge, instance, first)
+    starts = MultiStart(services.watch, names, budget)
+    outcome = starts.run(instance, manoeuvre or first, state.obstacle_in_way)
+    if judge is not None:
+        outcome = judged(judge, instance, outcome)
+    trial = LadderInput(instance, outcome, judge)
+    plan, point = choose(settings.fallback.ladder, trial, course.stamp)
     plan = altered(
         without_progress(robot, plan),
         reason=joined(plan.reason, outcome.note, instance.note),
@@ -375,6 +383,26 @@ def _planned(
     notes = tuple(filter(None, (note, _stand_in(outcome))))
     path = checked_ready(state.progress).path
     return state, Decision(command, plan, notes, solved, frame, path)
+
+
+def _judge(
+    settings: PlannerSettings, state: PlannerState, course: Course, frame: PerceptionFrame
+) -> Judge | None:
+    """Return what plans are judged by; None where the cost of the problem alone decides."""
+    if settings.expected_contact is None:
+        return None
+    seen = None
+    if frame.forecast is not None and frame.tracks is not None:
+        seen = frame.forecast, frame.tracks
+    return Judge.of(
+        settings.expected_contact,
+        settings.robot,
+        settings.dt,
+        (checked_ready(state.progress).path, course.arc, settings.reference_speed),
+        seen,
+        frame.observation.polygons,
+        (settings.margin, settings.margin_at_walls),
+    )
 
 
 def _braked(
@@ -489,7 +517,7 @@ def _context(
     return PlanningContext(
         observation=observation,
         tracks=frame.tracks,
-        forecast=frame.forecast,
+        forecast=_held_clear(settings, frame.forecast),
         times=course.stamp + services.grid[: settings.horizon],
         dt=settings.dt,
         reference=course.reference,
@@ -505,6 +533,13 @@ def _context(
         most=settings.most_obstacles,
         beyond=frame.beyond,
     )
+
+
+def _held_clear(settings: PlannerSettings, forecast: Forecast | None) -> Forecast | None:
+    """Return the forecast whose regions the problem holds."""
+    if forecast is None or settings.expected_contact is None:
+        return forecast
+    return forecast.likeliest()
 
 
 def _resumed(

@@ -33,6 +33,7 @@ from ...values.arrays import Array, whole
 from ...values.errors import WideberthError, short
 from ...values.plan import TOLERANCE, Plan, Rung
 from ..ocp.transcription import Guess
+from .expected_contact import Judge
 from .giving_way import PlanLevels
 from .instance import Instance
 from .multistart import MultiStartResult
@@ -69,10 +70,12 @@ class LadderInput:
     ----------
     instance : that plans are verified against.
     outcome : of the solver: its re-checked solutions.
+    judge : what plans are judged by; None where the cost of the problem alone decides.
     """
 
     instance: Instance
     outcome: MultiStartResult
+    judge: Judge | None = None
 
     @cached_property
     def near(self) -> tuple[Candidate, ...]:
@@ -89,7 +92,7 @@ class LadderInput:
         the side is not changed for noise.
         """
         loyal = self.outcome.before and self.instance.last_inputs is not None
-        if loyal and candidates[0] is self.outcome.candidates[0]:
+        if loyal and self.judge is None and candidates[0] is self.outcome.candidates[0]:
             return candidates[0]
         return min(candidates, key=lambda one: one.cost)
 
@@ -132,7 +135,7 @@ class LadderInput:
         straight = replace(self.at_lowest_level(states, inputs), way=name)
         window = int((np.abs(states - states[-1]).max(axis=1) > 1e-3).sum()) + 1
         depth = contact(instance, straight, window)
-        if max(depth, straight.found.total) == 0.0:
+        if self.judge is None and max(depth, straight.found.total) == 0.0:
             return straight
         names, trajectories = [], []
         for name, states, inputs in ways:
@@ -142,7 +145,7 @@ class LadderInput:
         checked = zip(names, points, verify_each(instance, points), strict=True)
         named = [Candidate(point, found, way=name) for name, point, found in checked]
         every = [straight, *(one for one in (*others, *named) if one.found.leaves)]
-        order = np.argsort(totals([one.found for one in every]), kind="stable")
+        order = np.argsort(self._harm(every), kind="stable")
         looked_at: list[tuple[Candidate, float]] = []
         for one in (every[k] for k in order):
             looked_at.append((one, depth if one is straight else contact(instance, one, window)))
@@ -150,6 +153,13 @@ class LadderInput:
                 break  # what touches nothing beats all that enter regions more
         least = min(depth for _, depth in looked_at) + TOLERANCE
         return next(one for one, depth in looked_at if depth <= least)
+
+    def _harm(self, every: Sequence[Candidate]) -> Array:
+        """Return by what candidates that enter regions are compared, (C,)."""
+        if self.judge is None:
+            return totals([one.found for one in every])
+        states = np.array([one.point.states for one in every])
+        return self.judge.costs(states[..., : len(self.judge.robot.states)])
 
     def at_lowest_level(self, states: Array, inputs: Array) -> Candidate:
         """Re-check a trajectory at the lowest level that the policy allows."""

@@ -21,6 +21,7 @@ from ..slots.base import CAPACITIES, SelectiveKind, SlotKind, shared_target
 from ..slots.gaussian_discs import GaussianDiscs, OfDiscs
 from ..slots.static_polygons import StaticPolygons
 from ..solver import Solver
+from .expected_contact import ExpectedContact
 from .own_uncertainty import Growth
 from .rungs import Fallback
 from .starts import Starts, checked_starts
@@ -68,6 +69,10 @@ class PlannerSettings:
         where the map is; None for ``margin``.
     starts : starting points of the solver beside the shifted last plan, always tried, or
         ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
+    expected_contact : how plans are judged where people may turn; None for the cost of the problem
+        alone. With it the problem holds the likeliest mode of each person's forecast, manoeuvres
+        take the place of ``starts``, and a plan's cost is in s, see
+        `wideberth.framework.mpc.planner.expected_contact`.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
     further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons. One
         with the name of either takes its place, as ``ways`` does, see
@@ -101,6 +106,7 @@ class PlannerSettings:
     margin: float = 0.0
     wall_margin: float | None = None
     starts: Starts = "auto"
+    expected_contact: ExpectedContact | None = None
     static_region: StaticRegion | None = None
     further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"

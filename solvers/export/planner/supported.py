@@ -111,6 +111,7 @@ _RULES: dict[str, _Rule] = {
     "deadline": _equal("deadline", None),
     "latency": _equal("latency", 0.0),
     "further_kinds": _equal("further_kinds", ()),
+    "expected_contact": _equal("expected_contact", None),
     "fallback.rungs": (
         lambda planner: set(planner.fallback.rungs) <= set(RUNGS),
         lambda planner: str(planner.fallback.rungs),

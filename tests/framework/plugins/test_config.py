@@ -205,7 +205,7 @@ def survives_describe(room: str, name: str) -> None:
         }  # fmt: skip
     elif (room, name) == ("controllers", "policy"):
         value = {"type": name, "robot": "unicycle", "policy": "math:sqrt"}
-    elif (room, name) == ("controllers", "withdrawing"):
+    elif room == "controllers" and name in ("around_crowds", "withdrawing"):
         value = {"type": name, "controller": {"type": "pure_pursuit", "robot": "unicycle"}}
     elif room == "controllers":
         value = {"type": name, "robot": "unicycle"}

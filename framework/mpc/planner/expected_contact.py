@@ -1,0 +1,203 @@
+"""Plans judged by time and by the first contact that they are to expect among many futures.
+
+An optimisation around one likely future does not see that a person may turn. So manoeuvres are
+driven, see `manoeuvres`, and judged over all modes of the forecast; the best one is where the
+solver starts, and the solver's plan is judged like it: what is driven is the best of both.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ...control.command_limits import deceleration
+from ...robot import Robot
+from ...values.arrays import Array, positive
+from ...values.forecast import Forecast
+from ...values.path import Path
+from ...values.polygon import Polygon
+from ...values.tracks import Tracks
+from ..ocp.bodies import discs
+from .first_contacts import compiled
+
+CERTAIN, FADING = 1.0, 1.2
+"""s, until which a contact counts in full, and how fast it fades afterwards."""
+BRAKING = 1.0
+"""s from the goal, within which a robot may be slow."""
+REACH = 2.0
+"""m beyond twice the way of a plan, within which the path is looked at."""
+AHEAD = 0.5
+"""m further along the path, where a robot should look."""
+TURNING = 2.0
+"""rad/s at which the angle to the path counts as time."""
+
+
+@final
+@dataclass(frozen=True)
+class ExpectedContact:
+    """How plans are judged among people who may turn.
+
+    A trajectory of N steps costs, in s, with the reference speed v::
+
+        J = l / v + |e| / (2 rad/s) + (v - w)^2 / (2 a v) + price (1 - prod_o (1 - P_o))
+            + closeness sum_o G_o
+
+        P_o = sum_m w_om g(t_om)
+        g(t) = 1 up to 1 s, and exp(-(t - 1 s) / 1.2 s) after it
+
+    l is the way left along the path at its end, with the distance from the path; e the angle from
+    there to the path; w the speed there, below v, and a the robot's acceleration; w_om the weight
+    of mode m of person o, a future in itself, and t_om when the bodies first touch in it. G_o is
+    likewise the mean of the largest share by which a gap falls short of ``room``, times g. People
+    are independent of each other. A contact counts less the later it is, since plans until then
+    can still avoid it. What comes into a wall counts as a contact.
+
+    Parameters
+    ----------
+    price : s that a contact is worth.
+    closeness : s that it is worth to pass a person without a gap.
+    room : m, gap below which it begins to cost.
+
+    Raises
+    ------
+    WideberthError : a number that is not above 0; ``closeness`` may be 0.
+    """
+
+    price: float = 25.0
+    closeness: float = 1.0
+    room: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("price", "closeness", "room"):
+            value = getattr(self, name)
+            positive(f"expected_contact.{name}", value, zero=name == "closeness")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """What trajectories of one planning cycle are judged against.
+
+    Attributes
+    ----------
+    settings, robot, dt : the prices, whose discs move, and s per step.
+    path, arc, speed : that is followed, how far along it the robot is, m, and at which speed, m/s.
+    futures, weights : (O, M, N + 1, D), m, and (O, M), from the plan's first state on.
+    rooms : (B, O), m, between the centres of each disc and person at which they touch.
+    radii : (B,), m, with what walls are to be away.
+    walls : (W, V, 2), m.
+    """
+
+    settings: ExpectedContact
+    robot: Robot
+    dt: float
+    path: Path
+    arc: float
+    speed: float
+    futures: Array
+    weights: Array
+    rooms: Array
+    radii: Array
+    walls: Array
+    acceleration: float
+
+    @classmethod
+    def of(
+        cls,
+        settings: ExpectedContact,
+        robot: Robot,
+        dt: float,
+        way: tuple[Path, float, float],
+        seen: tuple[Forecast, Tracks] | None,
+        walls: Sequence[Polygon],
+        margins: tuple[float, float],
+    ) -> "Judge":
+        """Gather what is needed.
+
+        Parameters
+        ----------
+        way : path, arc and speed. seen : the forecast of the tracks; None for none.
+        margins : m, beside people and beside walls.
+        """
+        parts = discs(robot)
+        radii = np.array([part.radius for part in parts])
+        if seen is None:
+            futures, weights = np.zeros((0, 1, 2, robot.dimension)), np.zeros((0, 1))
+            people = np.zeros(0)
+        else:
+            futures, weights, people = _from_now(seen[0]), seen[0].weight, seen[1].radius
+        rooms = radii[:, None] + people[None] + margins[0]
+        return cls(settings, robot, dt, *way, futures, np.asarray(weights), rooms,
+                   radii + margins[1], _corners(walls), deceleration(robot))  # fmt: skip
+
+    def costs(self, states: Array) -> Array:
+        """Cost of trajectories (C, N + 1, n), (C,), s."""
+        pose = self.robot.pose(tuple(np.moveaxis(states, -1, 0)))
+        places = np.stack([one + np.zeros(states.shape[:2]) for one in pose.position], axis=-1)
+        risk, near = self._contacts(states)
+        time = self._way_left(places[:, -1], None if pose.heading is None else pose.heading[:, -1])
+        pace = np.linalg.norm(places[:, -1] - places[:, -2], axis=1) / self.dt
+        slow = np.maximum(self.speed - pace, 0.0) ** 2 / (2.0 * self.acceleration * self.speed)
+        far = np.linalg.norm(places[:, -1] - self.path.goal, axis=1) > BRAKING * self.speed
+        price = self.settings.price * risk + self.settings.closeness * near
+        return np.asarray(time + np.where(far, slow, 0.0) + price)
+
+    def _contacts(self, states: Array) -> tuple[Array, Array]:
+        """Return the weight of contacts, and how near people are passed, (C,) each."""
+        count, instants = states.shape[:2]
+        pose = self.robot.pose(tuple(np.moveaxis(states, -1, 0)))
+        centres = np.empty((count, len(self.radii), instants, self.robot.dimension))
+        for b, part in enumerate(discs(self.robot)):
+            for d, values in enumerate(part.at(pose).position):
+                centres[:, b, :, d] = values
+        risk, near = np.zeros(count), np.zeros(count)
+        expected, walled = compiled()
+        lasting = self._lasting(instants - 1)
+        given = centres, self.rooms, self.futures, self.weights, self.settings.room, lasting
+        expected(*given, risk, near)
+        if len(self.walls):
+            walled(centres, self.radii, self.walls, lasting, risk)
+        return risk, near
+
+    def _lasting(self, steps: int) -> Array:
+        """Weight of a contact on the way to each step, (N,)."""
+        late = self.dt * (np.arange(steps) + 0.5) - CERTAIN
+        return np.asarray(np.exp(-np.maximum(late, 0.0) / FADING))
+
+    def _way_left(self, ends: Array, headings: Array | None) -> Array:
+        """Time from the ends of trajectories (C, D) to the path's end, (C,), s."""
+        begin, step = self.path.points[:-1], np.diff(self.path.points, axis=0)
+        lengths = np.diff(self.path.arc)
+        apart = ends[:, None] - begin
+        share = np.clip((apart * step).sum(axis=2) / lengths**2, 0.0, 1.0)
+        gaps = np.linalg.norm(apart - share[..., None] * step, axis=2)
+        arcs = self.path.arc[:-1] + share * lengths
+        span = self.dt * (self.futures.shape[2] - 1)
+        gaps[np.abs(arcs - self.arc) > 2.0 * self.speed * span + REACH] = np.inf
+        best = gaps.argmin(axis=1)[:, None]
+        arc, gap = (np.take_along_axis(one, best, axis=1)[:, 0] for one in (arcs, gaps))
+        left = self.path.length - arc + gap
+        if headings is None:
+            return np.asarray(left / self.speed)
+        ahead = self.path.at(arc + AHEAD) - ends
+        angle = np.arctan2(ahead[:, 1], ahead[:, 0]) - headings
+        off = np.abs(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+        turning = np.where(left > self.robot.radius, off / TURNING, 0.0)
+        return np.asarray(left / self.speed + turning)
+
+
+def _from_now(forecast: Forecast) -> Array:
+    """Return the modes of a forecast with where they begin, (O, M, N + 1, D), m."""
+    mean = forecast.mean
+    if mean.shape[2] < 2:
+        return np.concatenate([mean, mean], axis=2)
+    return np.concatenate([2.0 * mean[:, :, :1] - mean[:, :, 1:2], mean], axis=2)
+
+
+def _corners(walls: Sequence[Polygon]) -> Array:
+    """Return the corners of convex parts, (W, V, 2), m; the last one is repeated."""
+    parts = [part for wall in walls for part in wall.parts]
+    most = max((len(part) for part in parts), default=1)
+    filled = [np.concatenate([part, np.repeat(part[-1:], most - len(part), 0)]) for part in parts]
+    return np.array(filled).reshape(-1, most, 2)
