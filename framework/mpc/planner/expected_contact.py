@@ -64,7 +64,7 @@ class ExpectedContact:
     WideberthError : a number that is not above 0; ``closeness`` may be 0.
     """
 
-    price: float = 25.0
+    price: float = 15.0
     closeness: float = 1.0
     room: float = 0.2
 

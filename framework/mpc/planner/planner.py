@@ -1,6 +1,6 @@
 """The planner: a planning cycle behind the Controller interface."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, final
@@ -133,7 +133,8 @@ class Planner(PlannerSettings, Controller):
         if self.record is not None and solved is not None and self.record.wants(solved):
             note = self.record.keep(self, solved)
             plan = replace(plan, reason=joined(plan.reason, note))
-        _warn(type(self).__name__, plan, decision.notes)
+        usual = {Rung.OPTIMAL, Rung.FEASIBLE if self.expected_contact else Rung.OPTIMAL}
+        _warn(type(self).__name__, plan, decision.notes, usual)
         memory.decision = decision
         if decision.notes:
             plan = replace(plan, reason=joined(plan.reason, *decision.notes))
@@ -156,12 +157,15 @@ class Planner(PlannerSettings, Controller):
         return SolveRecord.of(self, decision.solved)
 
 
-def _warn(name: str, plan: Plan, notes: Sequence[str]) -> None:
+def _warn(
+    name: str, plan: Plan, notes: Sequence[str], usual: Set[Rung] = frozenset({Rung.OPTIMAL})
+) -> None:
     """Warn of a plan that is not the one that was asked for, and of what was refused.
 
     A level that gives way later than `SOON` is no warning: decisions until then may still keep it.
+    ``usual`` are the rungs of plans that need none: a manoeuvre is no failure of the solver.
     """
-    if plan.rung is not Rung.OPTIMAL:
+    if plan.rung not in usual:
         WARNINGS.warn(name, str(plan.rung), plan.reason)
     elif plan.given_way is not None and plan.given_way.step * plan.dt <= SOON:
         WARNINGS.warn(name, "gave way", str(plan.given_way))

@@ -201,6 +201,8 @@ class Optimal(FallbackRung):
         converged = [one for one in trial.near if one.optimal]
         if converged:
             return trial.cheapest(converged)
+        if trial.judge is not None and trial.near:
+            return NotHeld(("a manoeuvre costs less than the solver's plan",))
         reasons = [f"solver: {trial.outcome.message}"]
         if not trial.near and trial.outcome.candidates:
             first = trial.outcome.candidates[0]
