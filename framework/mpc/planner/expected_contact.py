@@ -136,7 +136,8 @@ class Judge:
         pose = self.robot.pose(tuple(np.moveaxis(states, -1, 0)))
         places = np.stack([one + np.zeros(states.shape[:2]) for one in pose.position], axis=-1)
         risk, near = self._contacts(states)
-        time = self._way_left(places[:, -1], None if pose.heading is None else pose.heading[:, -1])
+        headings = None if pose.heading is None else pose.heading[:, -1]
+        time = self._way_left(places[:, -1], headings, self.dt * (states.shape[1] - 1))
         pace = np.linalg.norm(places[:, -1] - places[:, -2], axis=1) / self.dt
         slow = np.maximum(self.speed - pace, 0.0) ** 2 / (2.0 * self.acceleration * self.speed)
         far = np.linalg.norm(places[:, -1] - self.path.goal, axis=1) > BRAKING * self.speed
@@ -165,15 +166,14 @@ class Judge:
         late = self.dt * (np.arange(steps) + 0.5) - CERTAIN
         return np.asarray(np.exp(-np.maximum(late, 0.0) / FADING))
 
-    def _way_left(self, ends: Array, headings: Array | None) -> Array:
-        """Time from the ends of trajectories (C, D) to the path's end, (C,), s."""
+    def _way_left(self, ends: Array, headings: Array | None, span: float) -> Array:
+        """Time from where trajectories of ``span`` s end, (C, D), to the path's end, (C,), s."""
         begin, step = self.path.points[:-1], np.diff(self.path.points, axis=0)
         lengths = np.diff(self.path.arc)
         apart = ends[:, None] - begin
         share = np.clip((apart * step).sum(axis=2) / lengths**2, 0.0, 1.0)
         gaps = np.linalg.norm(apart - share[..., None] * step, axis=2)
         arcs = self.path.arc[:-1] + share * lengths
-        span = self.dt * (self.futures.shape[2] - 1)
         gaps[np.abs(arcs - self.arc) > 2.0 * self.speed * span + REACH] = np.inf
         best = gaps.argmin(axis=1)[:, None]
         arc, gap = (np.take_along_axis(one, best, axis=1)[:, 0] for one in (arcs, gaps))
