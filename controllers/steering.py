@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..framework.control.command_limits import CRAWL as CRAWL
 from ..framework.control.command_limits import FAST as FAST
 from ..framework.control.command_limits import attained, turns_on_the_spot
 from ..framework.control.command_limits import top_speed as top_speed
@@ -16,8 +17,6 @@ SLOWING = 1.0
 the distance. CrowdNav does the same: its wanted velocity is the way to the goal, at most 1 m/s."""
 TURN_GAIN = 2.0
 """1/s, yaw rate per angle between heading and wanted velocity."""
-CRAWL = 0.3
-"""Share of the wanted speed that a robot keeps which cannot turn on the spot."""
 
 
 def velocity_of(robot: Robot, state: Array) -> Array | None:

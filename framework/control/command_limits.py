@@ -16,6 +16,9 @@ to which plans are checked."""
 FAST = 1e3
 """m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
 
+CRAWL = 0.3
+"""Share of the wanted speed that a robot keeps which cannot turn on the spot."""
+
 FOREVER = 1024.0
 """s, long enough for every robot to have any twist that it can have; a power of two, so that
 dividing by it and multiplying with it changes no digit."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...control.command_limits import FAST, attained
+from ...control.command_limits import CRAWL, FAST, attained, turns_on_the_spot
 from ...numerics.clipping import between
 from ...numerics.symbolic import Mapped, ca
 from ...robot import Robot, SymbolicDrive, step
@@ -51,7 +51,7 @@ def driven(
         np.broadcast_to(still, (count, steps, 1)),
         np.broadcast_to(twists[:, None], (count, steps, twists.shape[1])),
         np.broadcast_to(later[:, None, None], (count, steps, 1)),
-        np.full((count, steps, 1), _slowing(robot, start, dt)),
+        np.broadcast_to(_abilities(robot, start, speed, dt), (count, steps, 2)),
         np.broadcast_to(target, (count, steps, len(target))),
     ]
     given = np.concatenate(pieces, axis=2).astype(np.float64)
@@ -84,11 +84,18 @@ def _family(robot: Robot, start: Array, target: Array, speed: float) -> tuple[Ar
     return np.array(twists), np.array(held), np.array(later)
 
 
-def _slowing(robot: Robot, start: Array, dt: float) -> float:
-    """Return how fast a robot's yaw rate can fall, rad/s^2."""
-    still = (0.0,) * robot.dimension
+def _abilities(robot: Robot, start: Array, speed: float, dt: float) -> tuple[float, float]:
+    """Return how fast a robot's yaw rate can fall, rad/s^2, and the share of speed that it keeps.
+
+    A robot that cannot turn on the spot drives on where it faces away from the target.
+    """
+    still, kept = (0.0,) * robot.dimension, 0.0
+    if robot.pose(tuple(start)).heading is not None and not turns_on_the_spot(robot, start):
+        kept = CRAWL
+        slow = Twist((kept * speed, *still[1:]))
+        start = np.array(robot.state_at(robot.pose(tuple(start)), slow), dtype=np.float64)
     fast = attained(robot, start, [Twist(still, FAST), Twist(still, -FAST)], dt)[:, -1]
-    return max(float(np.ptp(fast)) / (2.0 * dt), 1e-3)
+    return max(float(np.ptp(fast)) / (2.0 * dt), 1e-3), kept
 
 
 def _turned(way: Array, angle: float, speed: float) -> tuple[float, ...]:
@@ -103,16 +110,16 @@ def _turned(way: Array, angle: float, speed: float) -> tuple[float, ...]:
 def _wanted(robot: Robot, state: tuple[Scalar, ...], given: tuple[Scalar, ...]) -> Twist:
     """Return the twist of one step: the first one while it is held, then towards the target."""
     size = robot.dimension
-    still, twist, speed, slowing = given[0], given[1 : size + 2], *given[size + 2 : size + 4]
-    target = given[size + 4 :]
-    pose = robot.pose(state)
-    later = _towards(pose, target, speed, slowing)
+    still, twist, target = given[0], given[1 : size + 2], given[size + 5 :]
+    later = _towards(robot.pose(state), target, *given[size + 2 : size + 5])
     parts = (*later.linear, later.angular)
     mixed = [still * one + (1.0 - still) * other for one, other in zip(twist, parts, strict=True)]
     return Twist(tuple(mixed[:size]), mixed[size])
 
 
-def _towards(pose: Pose, target: tuple[Scalar, ...], speed: Scalar, slowing: Scalar) -> Twist:
+def _towards(
+    pose: Pose, target: tuple[Scalar, ...], speed: Scalar, slowing: Scalar, kept: Scalar
+) -> Twist:
     """Return the twist at a speed towards a target; without speed the robot stops."""
     way = [end - here for end, here in zip(target, pose.position, strict=True)]
     length = np.sqrt(sum(one * one for one in way) + 1e-12)
@@ -123,7 +130,7 @@ def _towards(pose: Pose, target: tuple[Scalar, ...], speed: Scalar, slowing: Sca
     ahead = np.cos(pose.heading) * way[0] + np.sin(pose.heading) * way[1]
     aside = np.cos(pose.heading) * way[1] - np.sin(pose.heading) * way[0]
     angle = np.arctan2(aside, ahead)
-    pace = slower * between(np.cos(angle), 0.0, 1.0)
+    pace = slower * np.fmin(np.fmax(np.cos(angle), kept), 1.0)
     moving = speed / (speed + 1e-9)
     off = np.sqrt(angle * angle + 1e-12)
     rate = np.fmin(GAIN * off, np.sqrt(2.0 * slowing * off)) * angle / off
@@ -134,7 +141,7 @@ def _towards(pose: Pose, target: tuple[Scalar, ...], speed: Scalar, slowing: Sca
 def _compiled(robot: SymbolicDrive, steps: int, dt: float, count: int) -> Mapped:
     """Return the drive of ``count`` manoeuvres, the same for the same numbers."""
     size = robot.dimension
-    x, given = ca.SX.sym("x", len(robot.states)), ca.SX.sym("given", 2 * size + 4)
+    x, given = ca.SX.sym("x", len(robot.states)), ca.SX.sym("given", 2 * size + 5)
     state = tuple(ca.vertsplit(x))
     control = robot.drive(state, _wanted(robot, state, tuple(ca.vertsplit(given))), dt)
     following = step(robot, state, control, dt)
