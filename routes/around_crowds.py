@@ -1,5 +1,6 @@
 """A wrapper: leads a robot around a crowd where the way through costs more than the way around."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil, hypot, pi, sqrt
@@ -26,6 +27,7 @@ from ..framework.values.motion import Command, Observation
 from ..framework.values.path import Path
 from ..framework.values.path_progress import PathProgress
 from ..framework.values.plan import Plan
+from ..framework.values.polygon import Polygon
 from .inflation import Inflation
 from .navfn import NavFn
 from .polygons import grid_of_polygons
@@ -35,6 +37,8 @@ FEWEST = 3
 """People that make a crowd."""
 FORGET = 5.0
 """s after which a crowd is forgotten of which too few are seen."""
+LONGEST = 60.0
+"""s of looks that a crowd is known by; those before count less and less."""
 STRIDE = 1.0
 """s over which people's speed is measured."""
 WALK = 1.3
@@ -56,8 +60,8 @@ GRID = 64
 """Places along either side by which a density is integrated."""
 SMOOTH = 0.5
 """m over which ways are averaged."""
-STEEPEST = 1.0 + 0.8 / 50.0 * MAX_NON_OBSTACLE
-"""Largest price of a metre over that of a free one that `NavFn` can hold."""
+SLIVER = 1e-4
+"""m^2, of a wall; what is less is no part of it."""
 
 
 @final
@@ -78,7 +82,7 @@ class WatchedCrowd:
     span : s, for which it has been looked at.
     count : n, at the last look.
     mean, square : (2,) in m and (2, 2) in m^2, first and second moments about the origin.
-    speed : m/s, of the people.
+    speed : m/s, of the people. radius : m, their mean radius at the last look.
     past : identity -> stamp and place of a look `STRIDE` s ago, by which speed is measured.
     area : in which they are known to walk; None where the cloud is all that is known.
     """
@@ -89,30 +93,31 @@ class WatchedCrowd:
     mean: Array
     square: Array
     speed: float
+    radius: float
     past: dict[str, tuple[float, Array]]
     area: "AreaOfPeople | None" = None
 
     @classmethod
     def seen(
-        cls, before: "WatchedCrowd | None", stamp: float, people: dict[str, Array]
+        cls, before: "WatchedCrowd | None", stamp: float, people: dict[str, Array], radius: float
     ) -> "WatchedCrowd | None":
-        """Return the crowd after a look, all looks since the first one counting alike.
+        """Return the crowd after a look; the looks of the last `LONGEST` s count alike.
 
         Parameters
         ----------
         before : None where there was no crowd yet.
-        people : identity -> place, (2,), m.
+        people : identity -> place, (2,), m. radius : m, their mean radius.
         """
-        if before is not None and stamp < before.stamp:
+        if before is not None and not 0.0 <= stamp - before.stamp <= FORGET:
             before = None
         if len(people) < FEWEST:
-            gone = before is None or stamp - before.stamp > FORGET
-            return None if gone else before
+            return before
         places = np.array(list(people.values()))
         mean, square = places.mean(axis=0), places.T @ places / len(places)
         if before is None:
-            return cls(stamp, 0.0, len(places), mean, square, WALK, _marks({}, stamp, people))
-        span = before.span + stamp - before.stamp
+            past = _marks({}, stamp, people)
+            return cls(stamp, 0.0, len(places), mean, square, WALK, radius, past)
+        span = min(before.span + stamp - before.stamp, LONGEST)
         share = (stamp - before.stamp) / (span + SETTLING)
         speed, walked = before.speed, _speed(before.past, stamp, people)
         if walked is not None:
@@ -124,6 +129,7 @@ class WatchedCrowd:
             before.mean + share * (mean - before.mean),
             before.square + share * (square - before.square),
             speed,
+            radius,
             _marks(before.past, stamp, people),
         )
 
@@ -327,17 +333,17 @@ class AroundCrowds(Controller):
         here = np.array(robot.pose(tuple(state)).position, dtype=np.float64)
         seen = sound(observation, 2, here=here).detections
         people = {one.ident: np.asarray(one.position) for one in seen}
-        memory.crowd = WatchedCrowd.seen(memory.crowd, observation.stamp, people)
+        radius = float(np.mean([one.radius for one in seen])) if seen else 0.0
+        memory.crowd = WatchedCrowd.seen(memory.crowd, observation.stamp, people, radius)
         memory.progress, arc = checked_ready(memory.progress).advanced(here)
         if 0.0 <= observation.stamp - memory.looked < EVERY - 1e-9:
             return
-        memory.looked = observation.stamp
+        memory.looked, memory.note = observation.stamp, ""
         rest = memory.progress.rest
         way = None
         if memory.crowd is not None and memory.progress.path.length - arc > 2.0 * robot.radius:
-            radius = float(np.mean([one.radius for one in seen])) if seen else 0.0
             crowd = replace(memory.crowd, area=self._area)
-            prices = _Prices(crowd, self._dearer(radius), self._speed(observation))
+            prices = _Prices(crowd, self._dearer(crowd.radius), self._speed(observation))
             way = self._way(observation, here, rest, prices)
         if way is not None or memory.away:
             self.controller.set_path(rest if way is None else way)
@@ -363,18 +369,20 @@ class AroundCrowds(Controller):
         """Return the way of least cost and what follows it; None where the path is as good."""
         ahead = min(AHEAD, rest.length)
         end = rest.at(np.array(ahead))
-        costmap = self._map(observation, np.stack([here, end]), prices)
-        route = SmoothedRoutes(NavFn(), SMOOTH).plan(costmap, here, end)
-        if route.path is None:
-            self._memory.note = f"no way around the crowd: {route.reason}"
-            return None
         until = np.concatenate(
             [here[None], rest.points[(rest.arc < ahead) & (rest.arc > 0.0)], end[None]]
         )
-        dear, found = prices.of(until), prices.of(route.path.points)
+        dear = prices.of(until)
         length = float(np.hypot(*np.diff(until, axis=0).T).sum())
-        if dear - length / prices.speed < WORTH or found > dear:
-            self._memory.note = ""
+        if dear - length / prices.speed < WORTH:
+            return None
+        costmap = self._map(observation, until, prices)
+        route = SmoothedRoutes(NavFn(tolerance=0.0), SMOOTH).plan(costmap, here, end)
+        if route.path is None:
+            self._memory.note = f"no way around the crowd: {route.reason}"
+            return None
+        found = prices.of(route.path.points)
+        if found > dear:
             return None
         self._memory.note = f"a way around {prices.crowd.count} people saves {dear - found:.1f} s"
         points = np.concatenate([route.path.points, rest.points[rest.arc > ahead]])
@@ -382,17 +390,17 @@ class AroundCrowds(Controller):
         return Path(points[kept])
 
     def _map(self, observation: Observation, places: Array, prices: "_Prices") -> Costmap:
-        """Return a map of the walls and of what the crowd costs."""
+        """Return a map of the walls and of what the crowd costs, `NavFn`'s largest at most."""
         corners = prices.crowd.mean + np.array([[1.0], [-1.0]]) * np.sqrt(
             6.0 * np.diag(prices.crowd.covariance)
         )
         shown = np.concatenate([places, corners])
         beyond = 2.0 + self.robot.radius
         side = float(np.ptp(shown, axis=0).max()) + 2.0 * beyond
-        near = [
-            wall for wall in observation.polygons
-            if (np.abs(wall.points - shown.mean(axis=0)) <= side).all(axis=1).any()
-        ]  # fmt: skip
+        square = (shown.min(axis=0) + shown.max(axis=0)) / 2.0 + np.array([[-side], [side]])
+        near = _inside(square, observation.polygons)
+        if near:
+            shown, beyond, side = square, 0.0, 2.0 * side
         grid = grid_of_polygons(near, shown, beyond, max(CELL, side / MOST))
         bare = Costmap.from_grid(grid)
         if near:
@@ -403,6 +411,18 @@ class AroundCrowds(Controller):
         dearer = np.ceil((prices.ratio(centres) - 1.0) * 50.0 / 0.8)
         cells = np.maximum(bare.cells, np.minimum(dearer, MAX_NON_OBSTACLE))
         return Costmap(cells.astype(np.uint8), bare.resolution, bare.origin)
+
+
+def _inside(square: Array, walls: Sequence[Polygon]) -> list[Polygon]:
+    """Return the parts of walls in a square of these lowest and highest coordinates, (2, 2), m.
+
+    So the map stays small beside a long wall, and no way leads around the end of a part.
+    """
+    import shapely
+
+    shapes = [shapely.Polygon(wall.points) for wall in walls]
+    parts = shapely.get_parts(shapely.intersection(shapes, shapely.box(*square.ravel())))
+    return [Polygon(shapely.get_coordinates(one)[:-1]) for one in parts if one.area > SLIVER]
 
 
 @final
@@ -428,7 +448,7 @@ class _Prices:
         """Cost of a way through points (P, 2), m, in s."""
         steps = np.diff(points, axis=0)
         lengths = np.hypot(*steps.T)
-        counts = [max(ceil(one / CELL), 1) for one in lengths.tolist()]
+        counts = [min(max(ceil(one / CELL), 1), MOST) for one in lengths.tolist()]
         total = 0.0
         for begin, step, length, count in zip(points[:-1], steps, lengths, counts, strict=True):
             shares = (np.arange(count) + 0.5) / count

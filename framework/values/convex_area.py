@@ -66,12 +66,23 @@ def checked_area(name: str, corners: Corners) -> Array:
 
     Raises
     ------
-    WideberthError : fewer than three corners, or no area between them.
+    WideberthError : fewer than three corners, no area between them, or an outline that is not
+        convex.
     """
-    found = checked(name, np.reshape(corners, (-1, 2)), (None, 2))
-    if len(found) and (len(found) < 3 or width_across(found) < THIN):
+    import shapely
+
+    found = checked(name, corners if len(corners) else np.empty((0, 2)), (None, 2))
+    if not len(found):
+        return found
+    if len(found) < 3 or width_across(found) < THIN:
         raise WideberthError(
             f"{name} is {corners}; wanted three corners or more around an area wider than "
             f"{THIN:g} m, or none"
+        )
+    hull = shapely.convex_hull(shapely.MultiPoint(found)).area
+    if shapely.Polygon(found).area < (1.0 - 1e-6) * hull:
+        raise WideberthError(
+            f"{name} is {corners}, which is not convex; wanted the corners of a convex outline, "
+            "in their order"
         )
     return found
