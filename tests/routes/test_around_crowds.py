@@ -42,7 +42,7 @@ from wideberth.routes.around_crowds import (
 
 ROBOT = Unicycle(radius=0.3, max_speed=1.0)
 RADIUS = 0.3
-EAST = Path([[-8.0, 0.0], [8.0, 0.0]])
+EAST = Path(np.array([[-8.0, 0.0], [8.0, 0.0]]))
 SQUARE = ((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))
 PENTAGON = np.array([[3.0, 0.0], [1.0, 2.5], [-2.0, 2.0], [-3.0, -1.0], [0.5, -3.0]])
 
@@ -242,7 +242,7 @@ def least_cost(prices: _Prices, begin: Array, end: Array, step: float = 0.125) -
         shape=(numbers.size, numbers.size),
     )
     source, target = (int(np.abs(places - p).sum(axis=-1).argmin()) for p in (begin, end))
-    return float(dijkstra(graph.tocsr(), directed=False, indices=source)[target])
+    return float(dijkstra(graph.tocsr(), directed=False, indices=np.array([source]))[0, target])
 
 
 @pytest.mark.parametrize("area", [(), SQUARE])
@@ -272,7 +272,9 @@ def detour() -> Path:
     return Path(8.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1))
 
 
-@pytest.mark.parametrize("path", [EAST, detour(), Path([[-8.0, 0], [-8, 8], [8, 8], [8, 0]])])
+@pytest.mark.parametrize(
+    "path", [EAST, detour(), Path(np.array([[-8.0, 0.0], [-8.0, 8.0], [8.0, 8.0], [8.0, 0.0]]))]
+)
 @pytest.mark.parametrize(
     "places", [[], crowd(2), crowd(12, middle=(0.0, 60.0)), crowd(12, middle=(-1e6, 1e6))]
 )
@@ -284,7 +286,7 @@ def test_without_a_crowd_near_the_path_it_is_followed(path: Path, places: Array)
 
 
 def test_a_crowd_at_the_second_half_changes_the_way_there() -> None:
-    far = Path([[-8.0, 0.0], [40.0, 0.0]])
+    far = Path(np.array([[-8.0, 0.0], [40.0, 0.0]]))
     one = leader(far)
     one.command(seen(crowd(12, middle=(7.0, 0.0))))
     way = followed(one)[-1]
@@ -358,7 +360,7 @@ def test_the_last_step_to_the_goal_is_the_paths() -> None:
 
 
 def test_another_path_and_reset_begin_anew() -> None:
-    one, north = leader(), Path([[-8.0, 0.0], [-8.0, 9.0]])
+    one, north = leader(), Path(np.array([[-8.0, 0.0], [-8.0, 9.0]]))
     one.command(seen(crowd(12)))
     one.set_path(north)
     assert followed(one)[-1] is north and not one._memory.away
