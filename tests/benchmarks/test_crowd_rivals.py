@@ -68,8 +68,27 @@ def test_the_shipped_tables_are_whole(rivals: Any) -> None:
     counted = group(rivals.read(rivals.ROWS), "controller", "people", "limits")
     assert ("orca", "10", "shipped") in counted
     for (name, _, limits), rows in counted.items():
-        seeds = rivals.COUNTED_SLOW if name == rivals.SLOW else rivals.COUNTED
+        seeds = rivals.counted_seeds(name, limits)
         assert [row["seed"] for row in rows] == [str(seed) for seed in seeds]
         assert all((row["verdict"] == "arrived") is (row["time_s"] != "nan") for row in rows)
+        if name in rivals.OURS:
+            continue
         tried = {line["setting"] for line in tuned[name, limits]}
         assert tried >= {rivals.worded(given) for given in rivals.grid(name)}
+
+
+def test_the_page_says_what_was_counted(rivals: Any) -> None:
+    """Each row of the page's first table has the arrivals and the mean time of the rows."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "random-crowds.md").read_text("utf-8")
+    counted = group(rivals.read(rivals.ROWS), "controller", "people", "limits")
+    cells = [[cell.strip(" *`") for cell in line.split("|")[1:-1]] for line in page.splitlines()]
+    known = [row for row in cells if len(row) == 8 and tuple(row[:3]) in counted]
+    assert {"ours", "ours_watching", "straight_on", "orca"} <= {row[0] for row in known}
+    for name, people, limits, seeds, arrived, _, time, _ in known:
+        first, last = (int(seed) for seed in seeds.split(" to "))
+        own = [row for row in counted[name, people, limits] if first <= int(row["seed"]) <= last]
+        found = rivals.condensed(own)
+        assert (f"{found['arrived']} of {len(own)}", f"{found['time_mean_s']:.1f}") == (
+            arrived,
+            time,
+        )
