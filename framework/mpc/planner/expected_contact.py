@@ -51,7 +51,8 @@ class ExpectedContact:
     of mode m of person o, a future in itself, and t_om when the bodies first touch in it. G_o is
     likewise the mean of the largest share by which a gap falls short of ``room``, times g. People
     are independent of each other. A contact counts less the later it is, since plans until then
-    can still avoid it. What comes into a wall counts as a contact.
+    can still avoid it. What comes into a wall at a step costs the whole price, however late: there
+    is no way on through it.
 
     Parameters
     ----------
@@ -158,7 +159,7 @@ class Judge:
         given = centres, self.rooms, self.futures, self.weights, self.settings.room, lasting
         expected(*given, risk, near)
         if len(self.walls):
-            walled(centres, self.radii, self.walls, lasting, risk)
+            walled(centres, self.radii, self.walls, risk)
         return risk, near
 
     def _lasting(self, steps: int) -> Array:

@@ -76,24 +76,24 @@ def passing(
     return 0.0, lost
 
 
-def walled(centres: Array, radii: Array, walls: Array, lasting: Array, risk: Array) -> None:
-    """Raise the risk of trajectories on which a disc comes into a wall.
+def walled(centres: Array, radii: Array, walls: Array, risk: Array) -> None:
+    """Raise the risk of trajectories on which a disc comes into a wall to 1.
 
     Parameters
     ----------
     centres : (C, B, N + 1, D) as in `expected`. radii : (B,), m, with what walls are to be away.
     walls : (W, V, 2), m, corners of convex polygons, counter-clockwise; a corner may be repeated.
-    lasting, risk : as in `expected`.
+    risk : (C,), as in `expected`.
     """
     count, parts, steps, _ = centres.shape
     for c in range(count):
         for n in range(1, steps):
-            if lasting[n - 1] <= risk[c]:
+            if risk[c] == 1.0:
                 break
             for b in range(parts):
                 for w in range(len(walls)):
                     if within(centres[c, b, n], walls[w], radii[b]):
-                        risk[c] = max(risk[c], lasting[n - 1])
+                        risk[c] = 1.0
 
 
 def within(point: Array, corners: Array, distance: float) -> bool:

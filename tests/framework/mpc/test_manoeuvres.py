@@ -33,7 +33,8 @@ WRITTEN = len(SPEEDS) * len(TURNS) * len(HELD) * len(AFTERWARDS)
 
 def made(name: str) -> Robot:
     kind = next(word for word in name.split() if "_" in word or word in ROBOTS)
-    return build("robots", {"type": kind, **ROBOTS[name]})
+    robot: Robot = build("robots", {"type": kind, **ROBOTS[name]})
+    return robot
 
 
 def begun(robot: Robot, speed: float) -> Array:
