@@ -531,7 +531,7 @@ def _context(
         wall_margin=settings.margin_at_walls,
         aside=0.5 * settings.reference_speed * settings.horizon * settings.dt,
         most=settings.most_obstacles,
-        beyond=frame.beyond,
+        beyond=_held_clear(settings, frame.beyond),
     )
 
 

@@ -39,5 +39,5 @@ def judged(judge: Judge, instance: Instance, outcome: MultiStartResult) -> Multi
     size = len(judge.robot.states)
     costs = judge.costs(np.array([one.point.states[:, :size] for one in every]))
     priced = tuple(altered(one, cost=float(cost)) for one, cost in zip(every, costs, strict=True))
-    best = min(priced, key=lambda one: one.cost)
+    best = min(priced, key=lambda one: np.inf if np.isnan(one.cost) else one.cost)
     return altered(outcome, candidates=(best,))
