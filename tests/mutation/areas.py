@@ -22,8 +22,9 @@ AREAS: dict[str, list[str]] = {
         *(
             f"{MPC}/planner/{name}.py"
             for name in (
-                "cycle", "emergency", "instance", "multistart", "planner",
-                "recommended", "rollout", "settings", "starts", "stopping", "watchdog",
+                "cycle", "emergency", "expected_contact", "first_contacts", "instance", "judging",
+                "manoeuvres", "multistart", "planner", "recommended", "rollout", "settings",
+                "starts", "stopping", "watchdog",
             )
         ),
     ],
@@ -96,6 +97,9 @@ TESTS = (
     "statistics",
     "windows",
     "first_contact",
+    "expected_contact",
+    "manoeuvres",
+    "judged_plans",
     "gaps",
     "explain",
     "slot_kinds",

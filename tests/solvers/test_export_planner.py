@@ -375,6 +375,7 @@ WAYS = {"type": "ways", "region": "mahalanobis_ellipse"}
         ("deadline", {"deadline": 0.4}),
         ("latency", {"latency": 0.1}),
         ("further_kinds", {"further_kinds": [WAYS], "level": "fixed"}),
+        ("expected_contact", {"expected_contact": {"price": 25.0}}),
         ("fallback.stop_at_end", {"fallback": {"stop_at_end": True}}),
     ],
     ids=str,
