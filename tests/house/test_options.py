@@ -113,7 +113,7 @@ REASONS: dict[str, str] = {
         CostmapView: cost_scaling_factor footprint_padding inf_is_valid inflate_around_unknown
         CostmapView: inflate_unknown obstacle_layer obstacle_max_range raytrace_max_range
         CostmapView: resolution static_layer track_unknown_space
-        NavFn: allow_unknown max_cycles_factor tolerance
+        NavFn: allow_unknown max_cycles_factor
         """,
 }
 """Reason -> class: options, of those that nothing sets."""
