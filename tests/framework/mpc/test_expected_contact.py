@@ -246,7 +246,7 @@ def standing(x: float, y: float, weights: tuple[float, ...] = (1.0,)) -> Seen:
 
 
 def test_a_contact_costs_its_weight_and_less_the_later_it_is() -> None:
-    settings = ExpectedContact(price=25.0, closeness=0.0)
+    settings = ExpectedContact(25.0, 0.0)
     free = judge(settings=settings).costs(straight())
     before = np.inf
     for x in np.arange(0.7, 2.9, 0.1):
@@ -275,7 +275,7 @@ def test_more_of_each_price_costs_no_less(name: str) -> None:
 
 def test_margins_and_discs_count() -> None:
     """A disc ahead of the axle is touched first; a margin is as good as a larger person."""
-    settings = ExpectedContact(closeness=0.0)
+    settings = ExpectedContact(25.0, 0.0)
     long = replace(ROBOT, radius=0.6, footprint=Discs(((0.3, 0.0), (-0.3, 0.0)), 0.3))
     for robot, reach in ((ROBOT, 0.3), (long, 0.6)):
         for margin in (0.0, 0.25):
@@ -295,8 +295,8 @@ def test_a_person_is_where_the_forecast_comes_from_at_first() -> None:
     """Half a step before a straight mode's first place it crosses the way of the robot."""
     gone = DT * np.arange(1, STEPS + 1)
     futures = np.stack([0.5 + 0.0 * gone, 8.0 * (gone - 0.5 * DT) + 0.05], axis=1)[None, None]
-    found = judge(Seen(futures, np.ones((1, 1))), settings=ExpectedContact(closeness=0.0))
-    free = judge(settings=ExpectedContact(closeness=0.0))
+    found = judge(Seen(futures, np.ones((1, 1))), settings=ExpectedContact(25.0, 0.0))
+    free = judge(settings=ExpectedContact(25.0, 0.0))
     states = straight(speed=0.5)
     assert found.costs(states) - free.costs(states) == pytest.approx([25.0])
 
@@ -304,7 +304,7 @@ def test_a_person_is_where_the_forecast_comes_from_at_first() -> None:
 def test_walls_count_by_their_distance_however_late() -> None:
     rng = np.random.default_rng(6)
     solid = shapely.union_all([shapely.Polygon(wall.vertices) for wall in (EL, SHED)])
-    settings = ExpectedContact(closeness=0.0)
+    settings = ExpectedContact(25.0, 0.0)
     hits = 0
     for _ in range(150):
         states = straight(tuple(rng.uniform(-4.0, 4.0, 2)), rng.uniform(-pi, pi))
