@@ -1,10 +1,11 @@
 """A wrapper: leads a robot around a crowd where the way through costs more than the way around."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil, hypot, pi, sqrt
-from typing import Any, final
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 
@@ -210,6 +211,16 @@ def _speed(
     return sum(speeds) / len(speeds) if speeds else None
 
 
+@runtime_checkable
+class HasReferenceSpeed(Protocol):
+    """A controller that states at which speed it follows its path."""
+
+    @property
+    @abstractmethod
+    def reference_speed(self) -> float:
+        """Speed along the path, m/s."""
+
+
 @dataclass(eq=False)
 class _Memory:
     """What the wrapper holds between two calls."""
@@ -356,8 +367,9 @@ class AroundCrowds(Controller):
 
     def _speed(self, observation: Observation) -> float:
         """Return the robot's speed along its path, m/s."""
-        liked = getattr(self.controller, "reference_speed", None)
-        return float(liked) if liked else top_speed(self.robot, observation.state)
+        if isinstance(self.controller, HasReferenceSpeed):
+            return self.controller.reference_speed
+        return top_speed(self.robot, observation.state)
 
     def _dearer(self, radius: float) -> float:
         """Return the price of a metre over that of a free one, per person per m^2 at rest, m^2."""
@@ -421,8 +433,10 @@ def _inside(square: Array, walls: Sequence[Polygon]) -> list[Polygon]:
     import shapely
 
     shapes = [shapely.Polygon(wall.points) for wall in walls]
-    parts = shapely.get_parts(shapely.intersection(shapes, shapely.box(*square.ravel())))
-    return [Polygon(shapely.get_coordinates(one)[:-1]) for one in parts if one.area > SLIVER]
+    (west, south), (east, north) = square.tolist()
+    cut = shapely.intersection(shapes, shapely.box(west, south, east, north))
+    parts = [one for one in shapely.get_parts(cut) if one.area > SLIVER]
+    return [Polygon(tuple(map(tuple, shapely.get_coordinates(one)[:-1]))) for one in parts]
 
 
 @final

@@ -91,9 +91,9 @@ def avoidable(
         two robots touched it is enough that one of them could avoid it.
     """
     found: dict[str, bool | float] = {
-        lead_column(*column): np.nan
+        lead_column(name, lead, ending): np.nan
         for lead in LEADS
-        for column in (("avoidable", lead), ("avoidable", lead, "_reacting"), ("level_held", lead))
+        for name, ending in (("avoidable", ""), ("avoidable", "_reacting"), ("level_held", ""))
     }
     met = first_contact(episode)
     if met is None:
