@@ -87,7 +87,7 @@ class Judge:
     futures, weights : (O, M, N + 1, D), m, and (O, M), from the plan's first state on.
     rooms : (B, O), m, between the centres of each disc and person at which they touch.
     radii : (B,), m, with what walls are to be away.
-    walls : (W, V, 2), m.
+    walls : (W, V, 2), m. acceleration : m/s^2, of the robot.
     """
 
     settings: ExpectedContact

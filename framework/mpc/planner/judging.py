@@ -32,7 +32,7 @@ def best_manoeuvre(judge: Judge, instance: Instance, first: Guess) -> Guess:
 
 
 def judged(judge: Judge, instance: Instance, outcome: MultiStartResult) -> MultiStartResult:
-    """Add the manoeuvre that was solved from to the candidates, and let the judge price all."""
+    """Price the solutions and the manoeuvre solved from; the cheapest alone goes on."""
     start = outcome.guesses[0]
     found = verify_each(instance, [start])[0]
     every = [*outcome.candidates, Candidate(start, found, way="manoeuvre")]
