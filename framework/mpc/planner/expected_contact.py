@@ -38,14 +38,15 @@ TURNING = 2.0
 class ExpectedContact:
     """How plans are judged among people who may turn.
 
-    A trajectory of N steps costs, in s, with the reference speed v::
+    A trajectory of N steps, T s and L m costs, in s, with the reference speed v::
 
-        J = l / v + |e| / (2 rad/s) + (v - w)^2 / (2 a v) + price (1 - prod_o (1 - P_o))
-            + closeness sum_o G_o
+        J = max(L - v T, 0) / v + l / v + |e| / (2 rad/s) + (v - w)^2 / (2 a v)
+            + price (1 - prod_o (1 - P_o)) + closeness sum_o G_o
 
         P_o = sum_m w_om g(t_om)
         g(t) = 1 up to 1 s, and exp(-(t - 1 s) / 1.2 s) after it
 
+    The first term takes back what is gained by driving faster than v, which may avoid someone.
     l is the way left along the path at its end, with the distance from the path; e the angle from
     there to the path; w the speed there, below v, and a the robot's acceleration; w_om the weight
     of mode m of person o, a future in itself, and t_om when the bodies first touch in it. G_o is
@@ -139,11 +140,13 @@ class Judge:
         risk, near = self._contacts(states)
         headings = None if pose.heading is None else pose.heading[:, -1]
         time = self._way_left(places[:, -1], headings, self.dt * (states.shape[1] - 1))
-        pace = np.linalg.norm(places[:, -1] - places[:, -2], axis=1) / self.dt
+        steps = np.linalg.norm(np.diff(places, axis=1), axis=2)
+        pace = steps[:, -1] / self.dt
+        gained = np.maximum(steps.sum(axis=1) / self.speed - self.dt * steps.shape[1], 0.0)
         slow = np.maximum(self.speed - pace, 0.0) ** 2 / (2.0 * self.acceleration * self.speed)
         far = np.linalg.norm(places[:, -1] - self.path.goal, axis=1) > BRAKING * self.speed
         price = self.settings.price * risk + self.settings.closeness * near
-        return np.asarray(time + np.where(far, slow, 0.0) + price)
+        return np.asarray(time + gained + np.where(far, slow, 0.0) + price)
 
     def _contacts(self, states: Array) -> tuple[Array, Array]:
         """Return the weight of contacts, and how near people are passed, (C,) each."""

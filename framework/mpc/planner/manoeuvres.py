@@ -16,7 +16,9 @@ from ...values.motion import Pose, Twist
 HELD = (0.4, 1.2)
 """s for which the first twist is held."""
 SPEEDS = (-0.6, 0.0, 0.5, 1.0)
-"""Of the first twist, as shares of the reference speed, or of the largest if that is lower."""
+"""Of the first twist, as shares of `FASTER` times the reference speed, or of the largest."""
+FASTER = 2.0
+"""Largest speed of the first twist over the reference speed: to avoid people, not to gain time."""
 TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Yaw rates of the first twist, as shares of the robot's largest one; without a heading the
 directions in which it moves, as shares of half a turn."""
@@ -66,10 +68,7 @@ def driven(
 
 
 def _family(robot: Robot, start: Array, target: Array, speed: float) -> tuple[Array, Array, Array]:
-    """First twists (C, D + 1), for how long they are held (C,), s, and speeds afterwards (C,).
-
-    None is faster than the reference speed.
-    """
+    """First twists (C, D + 1), for how long they are held (C,), s, and speeds afterwards (C,)."""
     aside = (0.0,) * (robot.dimension - 1)
     pose = robot.pose(tuple(start))
     if pose.heading is None:
@@ -79,7 +78,7 @@ def _family(robot: Robot, start: Array, target: Array, speed: float) -> tuple[Ar
     else:
         fast = [Twist((FAST, *aside)), Twist((FAST, *aside), FAST), Twist((0.0, *aside), FAST)]
         reached = attained(robot, start, fast)
-        ahead, yaw = min(reached[0, 0], speed), np.abs(reached[:, -1]).max()
+        ahead, yaw = min(reached[0, 0], FASTER * speed), np.abs(reached[:, -1]).max()
         first = [(share * ahead, *aside, turn * yaw)
                  for share, turn in product(SPEEDS, TURNS)]  # fmt: skip
     all_three = list(product(first, HELD, (share * speed for share in AFTERWARDS)))

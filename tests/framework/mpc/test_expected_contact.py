@@ -216,6 +216,14 @@ def test_without_people_it_is_way_left_heading_and_slowness(
     assert found == pytest.approx([left + off / TURNING + slow], abs=1e-6)
 
 
+@pytest.mark.parametrize("speed", [1.2, 1.5, 2.0])
+def test_nothing_is_gained_by_driving_faster_than_the_reference(speed: float) -> None:
+    """Straight along the path all cost the same at its speed and above."""
+    path = Path(np.array([[0.0, 0.0], [30.0, 0.0]]))
+    usual, faster = (judge(path=path).costs(straight(speed=one)) for one in (1.0, speed))
+    assert faster == pytest.approx(usual)
+
+
 def test_who_is_near_the_goal_may_be_slow_and_look_anywhere() -> None:
     path = Path(np.array([[-3.0, 0.0], [0.1, 0.0]]))
     found = judge(path=path, arc=3.0).costs(straight((0.0, 0.0), 2.5, 0.0))

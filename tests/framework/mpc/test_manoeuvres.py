@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.planner import manoeuvres
-from wideberth.framework.mpc.planner.manoeuvres import AFTERWARDS, HELD, SPEEDS, TURNS, driven
+from wideberth.framework.mpc.planner.manoeuvres import (
+    AFTERWARDS,
+    FASTER,
+    HELD,
+    SPEEDS,
+    TURNS,
+    driven,
+)
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.arrays import Array
@@ -69,22 +76,6 @@ def test_every_manoeuvre_keeps_the_limits_of_the_robot(name: str, speed: float) 
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_none_is_faster_than_the_reference_speed(name: str) -> None:
-    """The robots of this table can drive faster, and would be sooner at the target."""
-    robot = made(name)
-    states, _ = everything(robot)
-    places = np.stack(
-        [
-            one + np.zeros(states.shape[:2])
-            for one in robot.pose(tuple(np.moveaxis(states, -1, 0))).position
-        ],
-        -1,
-    )
-    steps = np.linalg.norm(np.diff(places, axis=1), axis=-1)
-    assert steps.max() == pytest.approx(SPEED * DT, rel=1e-3)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
 def test_every_manoeuvre_is_what_its_inputs_drive(name: str) -> None:
     robot = made(name)
     states, inputs = everything(robot)
@@ -110,7 +101,8 @@ def test_a_twist_is_held_for_its_time_and_not_longer(held: float) -> None:
     """With velocities as inputs the twist is there at once, and what follows is another one."""
     robot = made("unicycle_velocity")
     _, inputs = everything(robot)
-    twists = [(share * SPEED, turn * 0.7) for share in SPEEDS for turn in TURNS]
+    fastest = min(0.8, FASTER * SPEED)
+    twists = [(share * fastest, turn * 0.7) for share in SPEEDS for turn in TURNS]
     shape = len(twists), len(HELD), len(AFTERWARDS), STEPS, 2
     family = inputs.reshape(shape)[:, HELD.index(held)]
     steps = round(held / DT)
