@@ -246,7 +246,7 @@ def test_a_limit_that_is_set_reaches_all_who_name_the_robot() -> None:
     assert isinstance(study, Comparison)
     driven: list[Any] = [*study.robots.values()]
     driven += [one.robot for one in study.controllers.values() if isinstance(one, DrivesRobot)]
-    assert [one.max_acceleration for one in driven] == [3.0] * 7
+    assert [one.max_acceleration for one in driven] == [3.0] * (1 + len(study.controllers))
 
 
 def test_an_agility_that_does_not_fit_is_refused(gate: Comparison) -> None:
