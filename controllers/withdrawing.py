@@ -13,12 +13,13 @@ from ..framework.controller import (
     checked_path,
     checked_ready,
     checked_use,
-    fresh,
+    noted,
+    own_copy,
+    usable,
 )
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
-from ..framework.values.arrays import FARTHEST, Array
-from ..framework.values.errors import WideberthError
+from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Detection, Observation
 from ..framework.values.path import Path
 from ..framework.values.path_progress import PathProgress
@@ -84,12 +85,7 @@ class Withdrawing(Controller):
     _memory: _Memory = field(init=False, repr=False, default_factory=_Memory)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.controller, DrivesRobot):
-            raise WideberthError(
-                f"withdrawing.controller is {type(self.controller).__name__}, which does not know "
-                "its robot; wanted one with a robot, such as mpc or orca"
-            )
-        object.__setattr__(self, "controller", fresh(self.controller))
+        object.__setattr__(self, "controller", own_copy(self.controller, "withdrawing.controller"))
 
     @property
     def robot(self) -> Robot:
@@ -132,7 +128,7 @@ class Withdrawing(Controller):
         memory = self._memory
         progress = checked_ready(memory.progress)
         checked_use(self.robot, observation)
-        if _usable(observation):
+        if usable(observation):
             memory.progress, memory.known = self._looked(progress, observation)
             if memory.known.way is not None:
                 self._follow(memory.known.way, away=True)
@@ -160,10 +156,7 @@ class Withdrawing(Controller):
     @property
     def plan(self) -> Plan | None:
         """The other controller's plan; its reason says where the robot withdraws to."""
-        plan, note = self.controller.plan, self._memory.known.note
-        if plan is None or not note:
-            return plan
-        return replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
+        return noted(self.controller.plan, self._memory.known.note)
 
     def _follow(self, way: Path, *, away: bool) -> None:
         """Hand a way to the other controller, if it is another one than before.
@@ -176,12 +169,6 @@ class Withdrawing(Controller):
         if way is not self._memory.followed:
             self._memory.followed = way
             self.controller.set_path(way)
-
-
-def _usable(observation: Observation) -> bool:
-    """Whether clock and state can be reckoned with; else the controller says what is wrong."""
-    numbers = np.append(observation.state, observation.stamp)
-    return bool((np.abs(numbers) <= FARTHEST).all())
 
 
 @final

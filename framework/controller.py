@@ -4,8 +4,11 @@ from abc import ABC, abstractmethod
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, Protocol, TypeVar, cast, runtime_checkable
 
+import numpy as np
+
 from .robot import Robot
 from .static_region import StaticRegion
+from .values.arrays import FARTHEST
 from .values.errors import WideberthError
 from .values.motion import Command, Observation
 from .values.path import Path
@@ -134,6 +137,34 @@ def driving(controller: C, robot: Robot) -> C:
         if inner is not controller.controller:
             return cast(C, replace(made, controller=inner))
     return controller
+
+
+def own_copy(controller: Controller, place: str) -> Controller:
+    """Return the copy that a wrapper drives; ``place`` is where it stands, for messages.
+
+    Raises
+    ------
+    WideberthError : a controller that does not know its robot.
+    """
+    if not isinstance(controller, DrivesRobot):
+        raise WideberthError(
+            f"{place} is {type(controller).__name__}, which does not know its robot; wanted one "
+            "with a robot, such as mpc or orca"
+        )
+    return fresh(controller)
+
+
+def usable(observation: Observation) -> bool:
+    """Whether clock and state can be reckoned with; else the controller says what is wrong."""
+    numbers = np.append(observation.state, observation.stamp)
+    return bool((np.abs(numbers) <= FARTHEST).all())
+
+
+def noted(plan: Plan | None, note: str) -> Plan | None:
+    """Return a plan with a note of the wrapper's in its reason; None for none."""
+    if plan is None or not note:
+        return plan
+    return replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
 
 
 def avoids_polygons(controller: Controller) -> bool:

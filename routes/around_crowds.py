@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil, hypot, pi, sqrt
-from typing import Any, Protocol, final, runtime_checkable
+from typing import Protocol, final, runtime_checkable
 
 import numpy as np
 
@@ -16,11 +16,13 @@ from ..framework.controller import (
     checked_path,
     checked_ready,
     checked_use,
-    fresh,
+    noted,
+    own_copy,
+    usable,
 )
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
-from ..framework.values.arrays import FARTHEST, Array, positive
+from ..framework.values.arrays import Array, positive
 from ..framework.values.convex_area import ConvexArea, Corners, checked_area
 from ..framework.values.costmap import MAX_NON_OBSTACLE, Costmap
 from ..framework.values.errors import WideberthError
@@ -268,11 +270,7 @@ class AroundCrowds(Controller):
     _memory: _Memory = field(init=False, repr=False, default_factory=_Memory)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.controller, DrivesRobot):
-            raise WideberthError(
-                f"around_crowds.controller is {type(self.controller).__name__}, which does not "
-                "know its robot; wanted one with a robot, such as mpc or orca"
-            )
+        own = own_copy(self.controller, "around_crowds.controller")
         if self.robot.dimension != 2:
             raise WideberthError(
                 f"around_crowds leads robots in the plane; {type(self.robot).__name__} moves in "
@@ -280,13 +278,13 @@ class AroundCrowds(Controller):
             )
         positive("around_crowds.price", self.price)
         checked_area("around_crowds.area", self.area)
-        object.__setattr__(self, "controller", fresh(self.controller))
+        object.__setattr__(self, "controller", own)
 
     @property
     def robot(self) -> Robot:
         """The robot of the other controller."""
-        known: Any = self.controller
-        return known.robot  # type: ignore[no-any-return]
+        assert isinstance(self.controller, DrivesRobot)
+        return self.controller.robot
 
     @property
     def period(self) -> float:  # type: ignore[override]
@@ -321,8 +319,7 @@ class AroundCrowds(Controller):
         """
         checked_ready(self._memory.progress)
         checked_use(self.robot, observation)
-        numbers = np.append(observation.state, observation.stamp)
-        if (np.abs(numbers) <= FARTHEST).all():
+        if usable(observation):
             try:
                 self._look(observation)
             except Exception as error:
@@ -332,10 +329,7 @@ class AroundCrowds(Controller):
     @property
     def plan(self) -> Plan | None:
         """The other controller's plan; its reason says where it goes around a crowd."""
-        plan, note = self.controller.plan, self._memory.note
-        if plan is None or not note:
-            return plan
-        return replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
+        return noted(self.controller.plan, self._memory.note)
 
     def _look(self, observation: Observation) -> None:
         """Look at the crowd, and from time to time for a way."""
