@@ -69,8 +69,13 @@ acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/ac
 	  wheel/acados/install/bin . && cd interfaces/acados_template && \
 	  ln -s ../../wheel/acados/acados_template .
 
-core: .venv/ready       ## compile the solver riccati to the object code that is shipped
-	$(BIN)/python -m wideberth.solvers.riccati.emit
+core: .venv/zig/ziglang ## compile the solver riccati to the machine code that is shipped
+	PYTHONPATH=$(CURDIR)/.venv/zig $(BIN)/python -m wideberth.framework.jit.interpreter
+	PYTHONPATH=$(CURDIR)/.venv/zig $(BIN)/python -m wideberth.solvers.riccati.emit
+
+# Its linker links for every processor.
+.venv/zig/ziglang: | .venv/ready
+	$(BIN)/uv pip install --python .venv -q --no-deps --target .venv/zig ziglang==0.17.1
 
 fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
 	$(BIN)/python tests/fuzz/fuzz.py --workers $(WORKERS)

@@ -1,4 +1,4 @@
-"""CasADi functions compiled by LLVM, without a compiler on the user's machine."""
+"""CasADi functions as machine code, without a compiler on the user's machine."""
 
 from .columns import SIGNATURE as SIGNATURE
 from .store import load as load

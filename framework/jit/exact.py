@@ -1,4 +1,4 @@
-"""CasADi functions compiled with CasADi's own rounding, and called on arrays.
+"""CasADi functions with CasADi's own rounding, compiled or interpreted, called on arrays.
 
 Sums stay in their order and no product is fused with a sum, so that every number is the one that
 CasADi's virtual machine gives, to the byte; a constant power alone may be rounded otherwise.
@@ -12,15 +12,15 @@ import numpy as np
 
 from ..values.arrays import Array
 from ..values.errors import WideberthError
-from .operations import FAST
-from .store import load
+from .operations import exactly
+from .records import Records
 from .transpile import kernel_source, module_source
 
 MOST_OPERATIONS = 2000
 """Of one function: a larger one takes seconds to compile."""
 
 _KERNEL: Any = ctypes.CFUNCTYPE(
-    None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p, ctypes.c_int64] * 3
+    None, ctypes.c_void_p, *[ctypes.c_int64] * 2, *[ctypes.c_void_p, ctypes.c_int64] * 3
 )
 
 
@@ -44,10 +44,16 @@ class Exact:
                     "compiled"
                 )
         self._functions: Mapping[str, Any] = functions
-        text = module_source(kernel_source(one, name) for name, one in functions.items())
-        places = load("checks", exactly(text), list(functions))
-        self._calls: dict[str, tuple[Any, int]] = {
-            name: (_KERNEL(places[name]), one.nnz_out(0)) for name, one in functions.items()
+
+        def source() -> str:
+            return exactly(
+                module_source(kernel_source(one, name) for name, one in functions.items())
+            )
+
+        self._records = Records.of("checks", functions, source, {})
+        self._calls: dict[str, tuple[Any, int, int]] = {
+            name: (_KERNEL(self._records.code(name)), self._records.place(name), one.nnz_out(0))
+            for name, one in functions.items()
         }
 
     def __reduce__(self) -> tuple[type["Exact"], tuple[Mapping[str, Any]]]:
@@ -59,19 +65,14 @@ class Exact:
 
         Both are contiguous.
         """
-        call, rows = self._calls[name]
+        call, record, rows = self._calls[name]
         _, times, count = v.shape
         found = np.empty((rows, times, count))
         places = (_address(v), v.strides[0], _address(p), 8 * count)
         out, row = _address(found), found.strides[0]
         for k in range(times):
-            call(k * count, count, *places, out + 8 * k * count, row)
+            call(record, k * count, count, *places, out + 8 * k * count, row)
         return found
-
-
-def exactly(source: str) -> str:
-    """Return the source of kernels without leave to round otherwise."""
-    return source.replace(f" {FAST}", "")
 
 
 def _address(array: Array) -> int:

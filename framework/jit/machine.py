@@ -10,14 +10,16 @@ import ctypes.util
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
 from itertools import count
 from threading import RLock
 from types import MappingProxyType
 from typing import Any
 
+from ..plugins.extras import missing as extra_missing
 from ..values.errors import WideberthError
+from .shipped import Target
 
 _LIBRARY = (
     *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "ceil", "copysign"),
@@ -36,30 +38,34 @@ _HELD: list[Any] = []
 """Loaded code; it stays as long as the process, since functions of it are known by address."""
 
 
-@dataclass(frozen=True)
-class Target:
-    """A processor to compile for, as LLVM names it: triple, model, features."""
-
-    triple: str
-    cpu: str
-    features: str = ""
-
-
-def _imported() -> Any:
+@cache
+def missing() -> str | None:
+    """Say why nothing can be compiled here; None where it can."""
     try:
-        import llvmlite.binding
+        llvm()
     except Exception as error:  # a broken installation may raise anything
-        raise WideberthError(
-            f"llvmlite cannot be imported ({error}); install it again, or take a solver that "
-            "needs no compilation, such as 'fatrop'"
-        ) from error
-    return llvmlite.binding
+        return str(error)
+    return None
+
+
+def compiler() -> str:
+    """Name and version of what compiles."""
+    return f"llvmlite {version('llvmlite')}"
 
 
 @cache
 def llvm() -> Any:
-    """Return LLVM, ready to compile for this processor."""
-    found = _imported()
+    """Return LLVM, ready to compile for this processor.
+
+    Raises
+    ------
+    WideberthError : llvmlite is not installed.
+    """
+    try:
+        import llvmlite.binding
+    except Exception as error:  # a broken installation may raise anything
+        raise extra_missing("fast", "what is compiled needs llvmlite", error) from error
+    found = llvmlite.binding
     found.initialize_native_target()
     found.initialize_native_asmprinter()
     return found
@@ -77,8 +83,14 @@ def host_features() -> frozenset[str]:
     return frozenset(name for name, has in llvm().get_host_cpu_features().items() if has)
 
 
-def object_code(text: str, target: Target, optimise: bool = True) -> bytes:
+def object_code(text: str, target: Target, optimise: bool = True, straight: bool = False) -> bytes:
     """Compile an LLVM module to an object file.
+
+    Parameters
+    ----------
+    text, target : the module, and what it is compiled for.
+    optimise : whether to, which takes most of the time.
+    straight : whether vectors are looked for in straight-line code, too.
 
     Raises
     ------
@@ -102,14 +114,14 @@ def object_code(text: str, target: Target, optimise: bool = True) -> bytes:
             "such as 'fatrop', and report this"
         ) from error
     if optimise:
-        _optimise(module, machine)
+        _optimise(module, machine, straight)
     return bytes(machine.emit_object(module))
 
 
-def _optimise(module: Any, machine: Any) -> None:
+def _optimise(module: Any, machine: Any, straight: bool) -> None:
     """Optimise each function, then all of them together, as Numba does."""
     options = llvm().create_pipeline_tuning_options(speed_level=3)
-    options.loop_vectorization, options.slp_vectorization = True, False
+    options.loop_vectorization, options.slp_vectorization = True, straight
     for function in module.functions:
         if not function.is_declaration:
             builder = llvm().create_pass_builder(machine, options)

@@ -132,6 +132,15 @@ _INSTRUCTIONS: Mapping[int, str] = {
 }
 
 
+OPERATIONS = tuple(_INSTRUCTIONS)
+"""Operations of CasADi that have a translation, in a fixed order."""
+
+
+def exactly(source: str) -> str:
+    """Return the source of functions without leave to round otherwise."""
+    return source.replace(f" {FAST}", "")
+
+
 def instructions(operation: int, out: str, operands: Sequence[str]) -> list[str]:
     """Instructions that define the name ``out``."""
     names = [operand_text(one) for one in operands]

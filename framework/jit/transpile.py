@@ -17,7 +17,7 @@ _SAME = {ca.OP_ASSIGN, ca.OP_LIFT}
 
 
 @dataclass(frozen=True)
-class _Listing:
+class Listing:
     """A function as a list of operations, each with a name of its own.
 
     Attributes
@@ -56,7 +56,7 @@ def kernel_source(function: Any, name: str) -> str:
     ------
     WideberthError : a function of another form, or with an operation that has no translation.
     """
-    listing = _listing(function)
+    listing = listing_of(function)
     lines = [
         f"define void @{name}({SIGNATURE}) {{",
         "entry:",
@@ -94,7 +94,7 @@ def recursion_source(function: Any, name: str, carried: int) -> str:
     ------
     WideberthError : a function of another form, or with an operation that has no translation.
     """
-    listing = _listing(function)
+    listing = listing_of(function)
     handed = [f"v{k}" for k in range(carried)]
     rest = {
         local: (array, row - carried * (array == "v"))
@@ -141,8 +141,6 @@ _SCOPED = re.compile(r"!\{rows ([0-9,]*)\}")
 def module_source(functions: Iterable[str]) -> str:
     """LLVM module of functions by `kernel_source` and `recursion_source`."""
     text = "\n".join(functions)
-    called = re.findall(r"call [a-z ]*double @([\w.]+)\(double [^,)]*(, double)?", text)
-    declared = [f"declare double @{name}(double{two})" for name, two in sorted(set(called))]
     nodes: dict[str, int] = {}
     for rows in _SCOPED.findall(text):
         nodes.setdefault(rows, len(nodes))
@@ -154,10 +152,16 @@ def module_source(functions: Iterable[str]) -> str:
         scopes = ", ".join(f"!{first + int(row)}" for row in rows.split(","))
         metadata.append(f"!{place} = !{{{scopes}}}")
     text = _SCOPED.sub(lambda found: f"!{nodes[found[1]]}", text)
-    return "\n".join([*declared, "", text, *metadata, ""])
+    return "\n".join([*declarations(text), "", text, *metadata, ""])
 
 
-def _starts(listing: _Listing, reads: Mapping[str, tuple[str, int]]) -> list[str]:
+def declarations(text: str) -> list[str]:
+    """Declare the functions of numbers that a text of LLVM calls."""
+    called = re.findall(r"call [a-z ]*double @([\w.]+)\(double [^,)]*(, double)?", text)
+    return [f"declare double @{name}(double{two})" for name, two in sorted(set(called))]
+
+
+def _starts(listing: Listing, reads: Mapping[str, tuple[str, int]]) -> list[str]:
     """Where each row begins."""
     lines = []
     places = [(local, *place) for local, place in reads.items()]
@@ -170,7 +174,7 @@ def _starts(listing: _Listing, reads: Mapping[str, tuple[str, int]]) -> list[str
     return lines
 
 
-def _loads(listing: _Listing, reads: Mapping[str, tuple[str, int]]) -> list[str]:
+def _loads(listing: Listing, reads: Mapping[str, tuple[str, int]]) -> list[str]:
     lines, mark = [], _scopes("noalias", range(len(listing.results)))
     for local, (array, _) in reads.items():
         column = "%place" if array == "v" else "%c"
@@ -181,7 +185,7 @@ def _loads(listing: _Listing, reads: Mapping[str, tuple[str, int]]) -> list[str]
     return lines
 
 
-def _stores(listing: _Listing) -> list[str]:
+def _stores(listing: Listing) -> list[str]:
     lines, count = [], len(listing.results)
     for row, value in enumerate(listing.results):
         others = _scopes("noalias", [one for one in range(count) if one != row])
@@ -198,14 +202,14 @@ def _scopes(kind: str, rows: Sequence[int]) -> str:
     return f", !{kind} !{{rows {','.join(map(str, rows))}}}" if rows else ""
 
 
-def _statements(listing: _Listing) -> list[str]:
+def _statements(listing: Listing) -> list[str]:
     lines = []
     for name, (operation, operands) in listing.operations.items():
         lines += instructions(operation, name, operands)
     return lines
 
 
-def _listing(function: Any) -> _Listing:
+def listing_of(function: Any) -> Listing:
     """Walk over CasADi's instructions; what was computed before is not computed again."""
     function = _checked(function)
     slots: dict[int, str] = {}
@@ -233,7 +237,7 @@ def _listing(function: Any) -> _Listing:
             slots[given[0]] = name
     used = {*results, *(operand for _, taken in operations.values() for operand in taken)}
     reads = {name: place for name, place in reads.items() if name in used}
-    return _Listing(reads, operations, tuple(results))
+    return Listing(reads, operations, tuple(results))
 
 
 def _checked(function: Any) -> Any:

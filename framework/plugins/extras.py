@@ -27,7 +27,7 @@ def from_extra(module: str, extra: str, need: str, otherwise: str = "") -> Any:
         raise missing(extra, need, error, otherwise) from error
 
 
-def missing(extra: str, need: str, error: ImportError, otherwise: str = "") -> WideberthError:
+def missing(extra: str, need: str, error: Exception, otherwise: str = "") -> WideberthError:
     """Return the error for a library that cannot be imported; see `from_extra`."""
     words = f"{need}, which cannot be imported ({error}): {installation(extra)}"
     return WideberthError(f"{words}; {otherwise}" if otherwise else words)

@@ -1,10 +1,11 @@
 """Compile the solver: one core for all problems, and kernels for each.
 
 The kernels know nothing of the horizon and the number of slots, the core nothing of a robot or a
-region: it takes the kernels by their addresses. The core is shipped as object code, see
+region: it takes the kernels by their records. The core is shipped as object code, see
 `objects`; where that does not fit, Numba compiles it in another process, which takes a minute or
 two, once per machine. The kernels of a new pair of robot and region are compiled by LLVM in less
-than a second. What is compiled is kept by `wideberth.framework.jit.store`.
+than a second; without LLVM they are interpreted. What is compiled is kept by
+`wideberth.framework.jit.store`.
 """
 
 import ctypes
@@ -22,7 +23,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.jit.machine import loaded
+from ...framework.jit.records import Records
 from ...framework.jit.store import load
 from ...framework.jit.transpile import kernel_source, module_source, recursion_source
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
@@ -96,10 +97,10 @@ def core_is_coming(kinds: int) -> bool:
 def _shipped_or_compiled(kinds: int) -> int:
     """Address of the core."""
     try:
-        return loaded(objects.shipped(kinds), [objects.ENTRY])[objects.ENTRY]
+        return objects.library(kinds)[objects.ENTRY]
     except WideberthError as error:
         why = str(error)
-    source = f"{objects.sources()}, {kinds} kinds, by {emit.compiler()}"
+    source = f"{objects.SHIPPED.sources()}, {kinds} kinds, by {emit.compiler()}"
     found = load(
         "solver",
         source,
@@ -117,7 +118,7 @@ class CompiledSlots:
 
     Attributes
     ----------
-    kernels : addresses, by the names of `_protocol.SlotKernels`.
+    kernels : places of records, by the names of `_protocol.SlotKernels`.
     depends : entries of x. rows : inequalities, equalities, whether slots have a level.
     limits : (2, A) of the own variables. regularisation : (1,).
     """
@@ -153,6 +154,7 @@ class CompiledProblem:
     Attributes
     ----------
     kernels, sizes : by the names of `protocol.Kernels` and `protocol.Sizes`.
+    records : of all kernels.
     limits : (2, n + m), bounds of states and inputs.
     kinds : of the slots; empty ones behind those of the problem.
     """
@@ -161,6 +163,7 @@ class CompiledProblem:
     sizes: NDArray[np.int64]
     limits: Array
     kinds: tuple[CompiledSlots, ...]
+    records: Records
     _free: dict[tuple[Any, ...], list[Workspace]] = field(default_factory=dict)
 
     @contextmanager
@@ -289,21 +292,22 @@ def sources(functions: Mapping[str, Any], handed: int, prefix: str = "") -> list
 
 def _compile(problem: Problem) -> CompiledProblem:
     made = KernelSet.of(problem)
-    places = _addresses(made.functions, carried(problem.states))
+    found = _ready(made.functions, carried(problem.states))
 
-    def addresses(names: Iterable[str]) -> NDArray[np.int64]:
-        return np.array([places[name] for name in names])
+    def places(names: Iterable[str]) -> NDArray[np.int64]:
+        return np.array([found.place(name) for name in names])
 
     return CompiledProblem(
-        addresses(protocol.Kernels._fields),
+        places(protocol.Kernels._fields),
         np.array(made.sizes(), dtype=np.int64),
         made.limits(),
         tuple(
-            CompiledSlots.of(addresses(names), shape, slots)
+            CompiledSlots.of(places(names), shape, slots)
             for names, shape, slots in zip(
                 made.kinds, made.made.slots, made.problem.slots, strict=True
             )
         ),
+        found,
     )
 
 
@@ -328,10 +332,14 @@ def _refuse_large(
         )
 
 
-def _addresses(functions: Mapping[str, Any], handed: int) -> Mapping[str, int]:
-    """Compile kernels."""
-    text = module_source(sources(functions, handed))
-    return load("kernels", text, list(functions), announce, USUAL["kernels"])
+def _ready(functions: Mapping[str, Any], handed: int) -> Records:
+    """Make kernels that can be called."""
+
+    def source() -> str:
+        return module_source(sources(functions, handed))
+
+    carried_by = {"sweep": handed}
+    return Records.of("kernels", functions, source, carried_by, announce, USUAL["kernels"])
 
 
 def _filled_up(problem: Problem) -> Problem:

@@ -6,7 +6,6 @@ Python when it runs: it takes memory from `wideberth_take`, see ``support.ll``.
 """
 
 import atexit
-import json
 import lzma
 import os
 import platform
@@ -14,17 +13,19 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ...framework.jit.machine import Target, host, llvm, object_code
+from ...framework.jit import machine
+from ...framework.jit.machine import host, llvm, object_code
+from ...framework.jit.shipped import PROCESSORS, Target, library_name, linked
+from ...framework.plugins.extras import missing
 from ...framework.values.errors import WideberthError
 from . import _protocol as protocol
 from . import objects
 
-_SUPPORT = Path(__file__).with_name("support.ll")
+_HERE = Path(__file__).parent
+_SUPPORT = _HERE / "support.ll"
 """What compiled code asks of Numba's runtime."""
 
 _OPTIONS: dict[str, Any] = {
@@ -116,16 +117,14 @@ def compiler() -> str:
         import numba
         from numba.core import config
     except ImportError as error:
-        raise WideberthError(
-            f"Numba cannot be imported ({error}); install it again, or take a solver that needs "
-            "no compilation, such as 'fatrop'"
-        ) from error
+        instead = "or take a solver that needs no compilation, such as 'fatrop'"
+        raise missing("fast", "the solver needs Numba here", error, instead) from error
     if getattr(config, "DISABLE_JIT", 0):
         raise WideberthError(
             "NUMBA_DISABLE_JIT is set, so nothing is compiled; unset it, or take a solver that "
             "needs no compilation, such as 'fatrop'"
         )
-    return f"Numba {numba.__version__}, llvmlite {version('llvmlite')}"
+    return f"Numba {numba.__version__}, {machine.compiler()}"
 
 
 def _by_numba(kinds: int) -> tuple[str, str]:
@@ -206,7 +205,7 @@ def emitted(name: str) -> bytes:
     """
     if not (sys.platform.startswith("linux") and platform.machine() == "x86_64"):
         raise WideberthError("the shipped objects are made on x86-64 Linux")
-    one = objects.PROCESSORS[name]
+    one = PROCESSORS[name]
     model = one.target.cpu if one.machine == "x86_64" else "x86-64"
     settings = {"NUMBA_CPU_NAME": model, "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
     ran = subprocess.run(
@@ -220,21 +219,32 @@ def emitted(name: str) -> bytes:
 
 def _main() -> None:
     """Make every shipped object, and say what they were made from."""
-    objects.FOLDER.mkdir(exist_ok=True)
-    made: dict[str, str] = {}
     with ThreadPoolExecutor() as pool:
-        codes = list(pool.map(emitted, objects.PROCESSORS))
-    for name, code in zip(objects.PROCESSORS, codes, strict=True):
-        made[name] = sha256(code).hexdigest()
-        (objects.FOLDER / f"{name}.o.xz").write_bytes(lzma.compress(code, preset=9))
-    said = {"sources": objects.sources(), "compiler": compiler(), "objects": made}
-    text = json.dumps(said, indent=2) + "\n"
-    (objects.FOLDER / objects.MANIFEST).write_text(text, encoding="utf-8")
+        codes = list(pool.map(emitted, PROCESSORS))
+    files: dict[str, bytes] = {}
+    for name, code in zip(PROCESSORS, codes, strict=True):
+        files[objects.object_name(name)] = lzma.compress(code, preset=9)
+        files[library_name(name)] = library(name, code)
+    objects.SHIPPED.write(files, compiler())
+
+
+def library(name: str, code: bytes) -> bytes:
+    """Link the object for one of `shipped.PROCESSORS` with what it needs in a library.
+
+    Raises
+    ------
+    WideberthError : the linker is missing.
+    """
+    beside = [
+        (_HERE / file).read_text(encoding="utf-8") for file in ("memory.ll", "row_of_calls.ll")
+    ]
+    target = PROCESSORS[name].target
+    return linked([code, *(object_code(text, target) for text in beside)])
 
 
 def _write_compiled(name: str, kinds: str) -> None:
     """Write the code of one processor to the standard output; `emitted` asks for it."""
-    target = host() if name == _HOST else objects.PROCESSORS[name].target
+    target = host() if name == _HOST else PROCESSORS[name].target
     sys.stdout.buffer.write(compiled(int(kinds), target))
 
 

@@ -1,6 +1,6 @@
 ; Calls an entry of the core for a row of tables, until a status is not 0.
 
-define i32 @row_of_calls(ptr %entry, ptr %scratch, ptr %tables, i64 %count) {
+define i32 @wideberth_row_of_calls(ptr %entry, ptr %scratch, ptr %tables, i64 %count) {
 begin:
   %other = getelementptr i64, ptr %scratch, i64 1
   br label %next

@@ -18,6 +18,8 @@ from ...framework.jit.machine import host, loaded, object_code
 from ...framework.mpc.ocp.problem import Parameters, SlotNumbers
 from ...framework.mpc.ocp.transcription import Guess, Multipliers
 from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from . import objects
 from ._protocol import (
     SIZE,
     WORDS,
@@ -199,8 +201,11 @@ def _check(status: int) -> None:
 @cache
 def _row_of_calls() -> Any:
     """Return native code that calls an entry for a row of tables, until a status is not 0."""
-    source = Path(__file__).with_name("row_of_calls.ll").read_text(encoding="utf-8")
-    place = loaded(object_code(source, host()), ["row_of_calls"])["row_of_calls"]
+    try:
+        place = objects.library(objects.KINDS)[objects.ROW]
+    except WideberthError:
+        source = Path(__file__).with_name("row_of_calls.ll").read_text(encoding="utf-8")
+        place = loaded(object_code(source, host()), [objects.ROW])[objects.ROW]
     words = [ctypes.c_void_p] * 3
     return ctypes.CFUNCTYPE(ctypes.c_int, *words, ctypes.c_int64)(place)
 

@@ -70,7 +70,7 @@ ARROWS: dict[str, set[str]] = {
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
-    "framework/jit": {"framework/numerics", "framework/values"},
+    "framework/jit": {"framework/numerics", "framework/plugins", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",

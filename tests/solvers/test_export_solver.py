@@ -24,6 +24,7 @@ from wideberth.benchmarks.exported_folder import (
     run,
 )
 from wideberth.experiments.cli.export import export
+from wideberth.framework.jit.shipped import PROCESSORS
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.planner.rollout import follow, shift
 from wideberth.framework.mpc.planner.verify import violation
@@ -36,7 +37,6 @@ from wideberth.solvers.export.bundle import write_folder
 from wideberth.solvers.export.solver.files import bundle, has_example
 from wideberth.solvers.export.solver.native import machine
 from wideberth.solvers.export.solver.needs import memory, stack
-from wideberth.solvers.riccati import objects
 
 CPP = shutil.which("c++")
 
@@ -317,7 +317,7 @@ def test_a_processor_that_lacks_something_is_refused(folder: Folder, tmp_path: P
 @needs_compiler
 def test_code_for_another_family_does_not_compile(tmp_path: Path) -> None:
     here = os.uname().machine
-    name = next(key for key, one in objects.PROCESSORS.items() if one.machine != here)
+    name = next(key for key, one in PROCESSORS.items() if one.machine != here)
     one = on_disk(exported(name), tmp_path / "c")
     words = [str(COMPILER), "-c", "wideberth_solver.c"]
     done = subprocess.run(words, cwd=one.place, capture_output=True, text=True, check=False)

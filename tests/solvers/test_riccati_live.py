@@ -41,11 +41,11 @@ def compiler(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNam
             raise WideberthError("the solver is not compiled: no space")
         return code
 
-    def refuse(kinds: int) -> bytes:
+    def refuse(kinds: int) -> dict[str, int]:
         raise WideberthError("no shipped object code is for this processor")
 
     monkeypatch.setattr(emit, "compile_in_subprocess", compile_slowly)
-    monkeypatch.setattr(objects, "shipped", refuse)
+    monkeypatch.setattr(objects, "library", refuse)
     monkeypatch.setattr(compiled, "_COMING", {})
     monkeypatch.setattr(compiled, "_core", cache(compiled._core.__wrapped__))
     riccati._compiled.cache_clear()

@@ -9,8 +9,9 @@ from hashlib import sha256
 from typing import Any
 
 from .... import __version__
-from ....framework.jit.exact import exactly
-from ....framework.jit.machine import MEMORY, Target, host, host_features, object_code
+from ....framework.jit.machine import MEMORY, host, host_features, object_code
+from ....framework.jit.operations import exactly
+from ....framework.jit.shipped import PROCESSORS, Target, fitting
 from ....framework.jit.transpile import kernel_source, module_source
 from ....framework.mpc.slots.base import GaussianKind
 from ....framework.numerics.symbolic import ca
@@ -51,12 +52,12 @@ class Machine:
     @property
     def family(self) -> str:
         """Name of the processors, as C compilers define it between underscores."""
-        return objects.PROCESSORS[self.core].machine
+        return PROCESSORS[self.core].machine
 
 
 def targets() -> tuple[str, ...]:
     """Names that ``--target`` takes."""
-    return (NATIVE, *objects.PROCESSORS)
+    return (NATIVE, *PROCESSORS)
 
 
 def machine(name: str) -> Machine:
@@ -68,17 +69,17 @@ def machine(name: str) -> Machine:
     """
     if name == NATIVE:
         try:
-            core = objects.fitting()
+            core = fitting()
         except WideberthError as error:
             raise WideberthError(
                 f"there is no object code for this machine ({sys.platform}, "
                 f"{platform.machine()}): {error}; give --target, one of "
-                f"{', '.join(objects.PROCESSORS)}"
+                f"{', '.join(PROCESSORS)}"
             ) from None
         return Machine(name, core, host(), _asked(host_features()))
-    if name not in objects.PROCESSORS:
+    if name not in PROCESSORS:
         raise WideberthError(unknown("target", name, targets()))
-    one = objects.PROCESSORS[name]
+    one = PROCESSORS[name]
     return Machine(name, name, one.target, _asked(one.needs))
 
 

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+from ....framework.jit.shipped import PROCESSORS, fitting
 from ....framework.values.arrays import Array
 from ....framework.values.errors import WideberthError
 from ...riccati import _protocol as protocol
-from ...riccati import objects
 from ...riccati.solver import Riccati
 from .measured import Needs
 from .native import Native
@@ -58,7 +58,7 @@ def table_words(solver: ExportedSolver) -> int:
 def stack(solver: ExportedSolver) -> int:
     """Bytes of stack: as measured here, and twice that for another family of processors."""
     try:
-        here = objects.PROCESSORS[objects.fitting()].machine
+        here = PROCESSORS[fitting()].machine
     except WideberthError:
         here = ""
     factor = 1 if here == solver.native.machine.family else 2

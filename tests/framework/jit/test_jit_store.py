@@ -172,7 +172,7 @@ def test_without_llvmlite(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
     for one in (machine.llvm, machine.host):
         one.cache_clear()
-    with pytest.raises(WideberthError, match="llvmlite cannot be imported"):
+    with pytest.raises(WideberthError, match="llvmlite, which cannot be imported"):
         load("tested", DOUBLE, ["double"])
 
 

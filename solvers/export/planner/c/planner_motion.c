@@ -9,8 +9,8 @@
 #define BEYOND 1e3     /* the same, where its limits are looked for */
 #define ALLOWANCE 1e-3 /* by how much a command may be beyond a limit */
 
-typedef void kernel(int64_t, int64_t, const double *, int64_t, const double *, int64_t, double *,
-    int64_t);
+typedef void kernel(const void *, int64_t, int64_t, const double *, int64_t, const double *,
+    int64_t, double *, int64_t);
 
 static void call(kernel *one, const double *first, int count, const double *second, int more,
     double *found)
@@ -18,7 +18,7 @@ static void call(kernel *one, const double *first, int count, const double *seco
     double given[2 * NX + NU + 8];
     memcpy(given, first, (size_t)count * sizeof(double));
     if (more) memcpy(given + count, second, (size_t)more * sizeof(double));
-    one(0, 1, given, sizeof(double), given, sizeof(double), found, sizeof(double));
+    one(NULL, 0, 1, given, sizeof(double), given, sizeof(double), found, sizeof(double));
 }
 
 void wb_pose(const double *state, double *pose)

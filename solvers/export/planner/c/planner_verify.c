@@ -37,7 +37,7 @@ int wb_entered(const struct instance *instance, const struct point *point, doubl
             memcpy(p, problem->obstacles.parameters[i][k], sizeof(problem->obstacles.parameters[i][k]));
             p[WIDEBERTH_OBSTACLE_PARAMETERS] = problem->obstacles.level[i][k];
             p[WIDEBERTH_OBSTACLE_PARAMETERS + 1] = 1.0;
-            wideberth_kernel_plan_slot0(0, 1, v, sizeof(double), p, sizeof(double), rows,
+            wideberth_kernel_plan_slot0(NULL, 0, 1, v, sizeof(double), p, sizeof(double), rows,
                 sizeof(double));
             for (r = 0; r < PLAN_SLOT0_ROWS; r++)
                 if (!(-rows[r] <= regions[i][k])) regions[i][k] = -rows[r];
@@ -49,7 +49,7 @@ int wb_entered(const struct instance *instance, const struct point *point, doubl
             if (WIDEBERTH_SHARED_LEVEL) v[NX + 1] = level;
             memcpy(p, problem->polygons.parameters[i][k], sizeof(problem->polygons.parameters[i][k]));
             p[WIDEBERTH_POLYGON_PARAMETERS] = 1.0, p[WIDEBERTH_POLYGON_PARAMETERS + 1] = 0.0;
-            wideberth_kernel_plan_slot1(0, 1, v, sizeof(double), p, sizeof(double), rows,
+            wideberth_kernel_plan_slot1(NULL, 0, 1, v, sizeof(double), p, sizeof(double), rows,
                 sizeof(double));
             for (r = 0; r < PLAN_SLOT1_ROWS; r++)
                 if (!(-rows[r] <= regions[i][KO + k])) regions[i][KO + k] = -rows[r];
@@ -69,7 +69,7 @@ static void motion_of(const struct instance *instance, const struct point *point
         memcpy(v, point->states[i], sizeof(point->states[0]));
         memcpy(v + NX, point->inputs[i], sizeof(point->inputs[0]));
         memcpy(v + NX + NU, point->states[i + 1], sizeof(point->states[0]));
-        wideberth_kernel_plan_motion(0, 1, v, sizeof(double), v, sizeof(double), rows,
+        wideberth_kernel_plan_motion(NULL, 0, 1, v, sizeof(double), v, sizeof(double), rows,
             sizeof(double));
         motion[i] = 0.0;
         for (r = 0; r < PLAN_MOTION_ROWS; r++) {
@@ -207,7 +207,7 @@ double wb_price(const struct instance *instance, const struct point *point)
         memcpy(p, problem->reference[i], sizeof(problem->reference[i]));
         memcpy(p + 2, problem->direction[i], sizeof(problem->direction[i]));
         p[4] = problem->speed[i];
-        wideberth_kernel_plan_price(0, 1, v, sizeof(double), p, sizeof(double), &each[i],
+        wideberth_kernel_plan_price(NULL, 0, 1, v, sizeof(double), p, sizeof(double), &each[i],
             sizeof(double));
 #if WIDEBERTH_POLYGONS > 0
         {

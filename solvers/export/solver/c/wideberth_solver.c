@@ -10,9 +10,11 @@
 #error "wideberth: these objects are for another processor; export again with --target"
 #endif
 
-typedef void wideberth_kernel(int64_t offset, int64_t count, const double *v, int64_t v_row,
-    const double *p, int64_t p_row, double *out, int64_t out_row);
-/* For columns c < count: out[:, c] of v[:, offset + c] and p[:, c]; rows stand so many bytes apart. */
+typedef void wideberth_kernel(const void *self, int64_t offset, int64_t count, const double *v,
+    int64_t v_row, const double *p, int64_t p_row, double *out, int64_t out_row);
+/* For columns c < count: out[:, c] of v[:, offset + c] and p[:, c]; rows stand so many bytes apart.
+ * The core knows a kernel by where its address stands, and hands that place on as self; the kernels
+ * of an export do not look at it. */
 
 struct kind {
     int count, parameters, auxiliaries, inequalities, equalities;
@@ -138,7 +140,7 @@ static const double *seen(const void *value, size_t place)
 
 static void column(wideberth_kernel *kernel, const double *v, const double *p, double *out)
 {
-    kernel(0, 1, v, sizeof(double), p, sizeof(double), out, sizeof(double));
+    kernel(NULL, 0, 1, v, sizeof(double), p, sizeof(double), out, sizeof(double));
 }
 
 static int begun(const wideberth_problem *problem)
@@ -398,9 +400,9 @@ static void describe(const wideberth_problem *problem, wideberth_more *more, str
     int64_t *row = work->table;
     int k;
     for (k = 0; k < WIDEBERTH_PLAIN_KERNELS; k++)
-        work->kernels[k] = (int64_t)(intptr_t)PLAIN_KERNELS[k];
+        work->kernels[k] = (int64_t)(intptr_t)&PLAIN_KERNELS[k];
     for (k = 0; k < WIDEBERTH_SLOT_KERNELS; k++)
-        work->slot_kernels[k] = (int64_t)(intptr_t)SLOT_KERNELS[k];
+        work->slot_kernels[k] = (int64_t)(intptr_t)&SLOT_KERNELS[k];
     memcpy(work->settings, SETTINGS, sizeof(SETTINGS));
     work->settings[WIDEBERTH_SETTING_GUESS] = problem->start_level;
 #ifdef WIDEBERTH_OF_A_PLANNER

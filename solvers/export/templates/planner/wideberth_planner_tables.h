@@ -9,8 +9,8 @@
 enum { {{ starts|join(", ") }} };
 
 {% for one in kernels %}
-void wideberth_kernel_{{ one }}(int64_t, int64_t, const double *, int64_t, const double *, int64_t,
-    double *, int64_t);
+void wideberth_kernel_{{ one }}(const void *, int64_t, int64_t, const double *, int64_t,
+    const double *, int64_t, double *, int64_t);
 {% endfor %}
 
 #if defined(__GNUC__)
