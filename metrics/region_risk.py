@@ -9,9 +9,9 @@ from dataclasses import dataclass, fields
 from typing import TypeVar, final
 
 import numpy as np
-from scipy import special
 
 from ..framework.numerics.geometry import distance_to_ellipse, sum_gauge, sum_volume
+from ..framework.numerics.special import normal_quantile, upper_gamma, upper_gamma_quantile
 from ..framework.region import Region, Signed
 from ..framework.risk.collision_probability import collision_probability
 from ..framework.values.arrays import Array, positive, whole
@@ -156,7 +156,7 @@ class Walk:
         ray = (stretched / scale[:, None]) @ self.vectors.T
         half = 0.5 * (self.radius(ray, bare) / scale) ** 2
         size = len(self.axes)
-        beyond = np.exp(-half) if size == 2 else special.gammaincc(0.5 * size, half)
+        beyond = np.exp(-half) if size == 2 else upper_gamma(0.5 * size, half)
         return float(np.average(beyond, weights=weights))
 
     def refuse(self, why: str) -> WideberthError:
@@ -216,7 +216,7 @@ def _content_level(tail: float, dimension: int) -> float:
     """Root of the upper chi-square quantile; in 2-D its closed form."""
     if dimension == 2:
         return float(np.sqrt(-2.0 * np.log(tail)))
-    return float(np.sqrt(2.0 * special.gammainccinv(0.5 * dimension, tail)))
+    return float(np.sqrt(2.0 * upper_gamma_quantile(0.5 * dimension, tail)))
 
 
 _STEPS = 32
@@ -543,7 +543,7 @@ class RiskReport:
     @property
     def effective_level(self) -> float:
         """-Phi^-1(risk_max): the level of the exact sum that guarantees the same risk."""
-        return -float(special.ndtri(self.risk_max))
+        return -normal_quantile(self.risk_max)
 
 
 def measure(region: Region, obstacle: GaussianObstacle, margin: float, level: float) -> RiskReport:

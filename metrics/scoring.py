@@ -11,12 +11,14 @@ content. Of one Gaussian it is the ellipse; of a mixture see `densest_area`. A
 planner that keeps clear of the ellipses of all modes keeps clear of more.
 """
 
+import math
 import re
 from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
 
+from ..framework.numerics.special import upper_gamma, upper_gamma_quantile
 from ..framework.values.arrays import Array, checked_covariance, positive, probability
 from .episode import SMALLEST, content_bound, squared_mahalanobis
 
@@ -173,8 +175,6 @@ def region_area(mean: Array, covariance: Array, weight: Array, tail: float) -> A
     V_D q^(D/2) sqrt(det Sigma) of one Gaussian, with q the quantile of chi^2 and V_D the unit
     ball's volume; `densest_area` of a mixture.
     """
-    from scipy.special import gamma
-
     probability("tail", tail)
     if mean.shape[1] > 1:
         return densest_area(mean, covariance, weight, tail)
@@ -182,7 +182,7 @@ def region_area(mean: Array, covariance: Array, weight: Array, tail: float) -> A
     only = checked_covariance("covariance", covariance[:, 0], size)
     values = np.maximum(np.linalg.eigvalsh(only), SMALLEST)
     quantile = content_bound(size, tail)
-    ball = np.pi ** (0.5 * size) / float(gamma(0.5 * size + 1))
+    ball = np.pi ** (0.5 * size) / math.gamma(0.5 * size + 1)
     return np.asarray(ball * quantile ** (0.5 * size) * np.sqrt(np.prod(values, axis=-1)))
 
 
@@ -199,10 +199,8 @@ def reason_kind(reason: str) -> str:
 
 def _chi_square_tail(mean: Array, covariance: Array, truth: Array) -> Array:
     """Tail of one Gaussian beyond the truth, (...)."""
-    from scipy.special import gammaincc
-
     square = squared_mahalanobis(mean, covariance, truth)
-    return np.asarray(gammaincc(0.5 * mean.shape[-1], 0.5 * square))
+    return upper_gamma(0.5 * mean.shape[-1], 0.5 * square)
 
 
 def _rank(mean: Array, covariance: Array, weight: Array, truth: Array, draws: Array) -> Array:
@@ -305,10 +303,8 @@ def standard_nodes(size: int) -> Array:
     H. Niederreiter, "Random Number Generation and Quasi-Monte Carlo Methods", 1992, section 3.2,
     for one coordinate evenly divided beside a sequence in the others.
     """
-    from scipy.special import gammaincinv
-
     number = np.arange(NODES)
-    radius = np.sqrt(2.0 * gammaincinv(0.5 * size, (number + 0.5) / NODES))
+    radius = np.sqrt(2.0 * upper_gamma_quantile(0.5 * size, (NODES - number - 0.5) / NODES))
     ratio = 1.618033988749895 if size < 3 else 1.324717957244746
     share = ratio ** -(size - 1.0) if size > 1 else 0.5
     turn = 2.0 * np.pi * ((0.5 + number * share) % 1.0)

@@ -4,6 +4,7 @@ Episodes of one seed are paired: both controllers met the same situation, and a 
 seed by seed sees differences that shares alone would hide.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..framework.numerics.special import beta_quantile
 from ..framework.values.arrays import Array, BoolArray, checked, probability, whole
 from ..framework.values.errors import WideberthError
 
@@ -42,15 +44,13 @@ def clopper_pearson(successes: int, trials: int, tail: float = 0.05) -> tuple[fl
     >>> low, round(high, 4)
     (0.0, 0.1684)
     """
-    from scipy.special import betaincinv
-
     k, n = whole("successes", successes, least=0), whole("trials", trials, least=0)
     half = 0.5 * probability("tail", tail)
     if k > n:
         raise WideberthError(f"successes is {k} of {n} trials; wanted no more than the trials")
-    low = float(betaincinv(k, n - k + 1, half)) if k else 0.0
+    low = beta_quantile(k, n - k + 1, half) if k else 0.0
     # The mirror image, so that a small tail keeps its digits.
-    high = 1.0 - float(betaincinv(n - k, k + 1, half)) if k < n else 1.0
+    high = 1.0 - beta_quantile(n - k, k + 1, half) if k < n else 1.0
     return low, high
 
 
@@ -77,8 +77,6 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     >>> mcnemar([1, 1, 1, 1, 1, 0], [0, 0, 0, 0, 0, 0])
     0.0625
     """
-    from scipy.special import bdtr
-
     one = checked("first", np.asarray(first, dtype=np.float64), (None,))
     two = checked("second", np.asarray(second, dtype=np.float64), (len(one),))
     if not np.isin(np.concatenate([one, two]), (0.0, 1.0)).all():
@@ -87,7 +85,8 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     differing = only_first + only_second
     if not differing:
         return 1.0
-    return min(1.0, 2.0 * float(bdtr(min(only_first, only_second), differing, 0.5)))
+    rarer = range(min(only_first, only_second) + 1)
+    return min(1.0, 2 * sum(math.comb(differing, count) for count in rarer) / 2**differing)
 
 
 def known_mean(values: Any) -> float:

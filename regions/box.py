@@ -9,8 +9,8 @@ from itertools import combinations
 from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
-from scipy import special
 
+from ..framework.numerics.special import normal_below, normal_quantile
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, Convex, Guarantee, Relation, Signed
 from ..framework.values.arrays import (
@@ -36,13 +36,13 @@ def box_level(tail: float, components: int, correction: Correction) -> float:
     """
     tail = probability("tail", tail)
     if correction == "bonferroni":
-        return -float(special.ndtri(tail / (2 * components)))
-    return -float(special.ndtri(-0.5 * math.expm1(math.log1p(-tail) / components)))
+        return -normal_quantile(tail / (2 * components))
+    return -normal_quantile(-0.5 * math.expm1(math.log1p(-tail) / components))
 
 
 def box_tail(level: float, components: int, correction: Correction) -> float:
     """Inverse of `box_level`: 2K Phi(-z), at most 1, or 1 - (1 - 2 Phi(-z))^K."""
-    outside = 2.0 * float(special.ndtr(-max(float(level), 0.0)))
+    outside = 2.0 * float(normal_below(-max(float(level), 0.0)))
     if correction == "bonferroni":
         return min(1.0, components * outside)
     return -math.expm1(components * math.log1p(-outside)) if outside < 1.0 else 1.0
@@ -137,8 +137,8 @@ def box_content(half: Array, covariance: Array, nodes: int = 200) -> float:
     correlation = covariance[0, 1] / (first * second)
     u = half[0] / first * points
     spread = np.sqrt(1.0 - correlation**2)
-    upper = special.ndtr((half[1] / second - correlation * u) / spread)
-    lower = special.ndtr((-half[1] / second - correlation * u) / spread)
+    upper = normal_below((half[1] / second - correlation * u) / spread)
+    lower = normal_below((-half[1] / second - correlation * u) / spread)
     density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
     return float(half[0] / first * (weights * density * (upper - lower)).sum())
 

@@ -1,30 +1,34 @@
 """Logarithms of normal probabilities in CasADi, accurate far out in the tails."""
 
-from functools import cache
-
 import numpy as np
-from scipy import special
 
 from ..framework.numerics.symbolic import ca
-from ..framework.values.arrays import Array, Scalar
+from ..framework.values.arrays import Scalar
 from . import gaussian
 
-_DEGREE, _KNEE = 16, 3.0
+_KNEE = 3.0
 _SMALLEST_PROBABILITY = 1e-100
 """Below this a probability of an interval counts as this: its square still is a float."""
-
-
-@cache
-def _coefficients() -> tuple[float, ...]:
-    """Chebyshev coefficients of (1 + 2x) erfcx(x) in t = (x - 3) / (x + 3), x from 0 on."""
-
-    def scaled(t: Array) -> Array:
-        x = _KNEE * (1.0 + t) / np.where(t < 1.0, 1.0 - t, 1.0)
-        values = (1.0 + 2.0 * x) * special.erfcx(x)
-        return np.asarray(np.where(t < 1.0, values, 2.0 / np.sqrt(np.pi)))
-
-    nodes = np.polynomial.chebyshev.chebpts1(_DEGREE + 1)
-    return tuple(np.polynomial.chebyshev.chebfit(nodes, scaled(nodes), _DEGREE))
+_COEFFICIENTS = (
+    1.1775625741965599,
+    0.005353904539615918,
+    -0.09377550342284227,
+    0.05436652555744358,
+    -0.018976596707845482,
+    0.004453426061462804,
+    -0.0006335531710553907,
+    1.7661719523261284e-05,
+    1.2841532864148083e-05,
+    -2.0072285658908476e-06,
+    -1.8075227930513262e-07,
+    7.549828338144028e-08,
+    1.885670032507389e-09,
+    -2.6995117569057906e-09,
+    -1.462061929155e-11,
+    1.0343476189149154e-10,
+    1.6835090552747082e-12,
+)
+"""Chebyshev coefficients of (1 + 2x) erfcx(x) in t = (x - 3) / (x + 3), x from 0 on."""
 
 
 def erfcx(x: Scalar) -> Scalar:
@@ -34,7 +38,7 @@ def erfcx(x: Scalar) -> Scalar:
     """
     t = (x - _KNEE) / (x + _KNEE)
     ahead, after = 0.0 * t, 0.0 * t
-    first, *rest = _coefficients()
+    first, *rest = _COEFFICIENTS
     for coefficient in reversed(rest):  # Clenshaw's recurrence
         ahead, after = coefficient + 2.0 * t * ahead - after, ahead
     return (first + t * ahead - after) / (1.0 + 2.0 * x)

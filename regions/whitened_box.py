@@ -5,8 +5,8 @@ from functools import reduce
 from typing import ClassVar, final
 
 import numpy as np
-from scipy import special
 
+from ..framework.numerics.special import normal_below
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, Constraint, Guarantee, Polygonal, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
@@ -117,8 +117,8 @@ def _log_bound(centre: Array, half: Array, deviations: Array) -> Array:
     low, high = (np.abs(centre) - half) / solid, (np.abs(centre) + half) / solid
     factor = np.where(
         low > 0.0,
-        special.ndtr(-low) - special.ndtr(-high),
-        1.0 - special.ndtr(-high) - special.ndtr(low),
+        normal_below(-low) - normal_below(-high),
+        1.0 - normal_below(-high) - normal_below(low),
     )
     return np.asarray(np.log(np.maximum(factor, 1e-300)).sum(axis=-1))
 

@@ -4,9 +4,9 @@
 """
 
 import numpy as np
-from scipy import special
 
 from ..values.arrays import Array, BoolArray
+from .special import carlson_rf, carlson_rg
 
 UNIT_BALL = {2: np.pi, 3: 4.0 / 3.0 * np.pi}
 """Area of the unit disc and volume of the unit ball, by dimension."""
@@ -119,9 +119,7 @@ def distance_to_ellipse(points: Array, axes: Array) -> Array:
 def perimeter(axes: Array) -> Array:
     """Perimeter of an ellipse, m, 8 R_G(0, a^2, b^2): (..., 2) -> (...)."""
     squares = np.asarray(axes, dtype=np.float64) ** 2
-    return np.asarray(
-        8.0 * special.elliprg(0.0, squares[..., 0], squares[..., 1]), dtype=np.float64
-    )
+    return np.asarray(8.0 * carlson_rg(0.0, squares[..., 0], squares[..., 1]))
 
 
 def surface(axes: Array) -> Array:
@@ -131,13 +129,13 @@ def surface(axes: Array) -> Array:
     homogeneity of R_G and stays finite for flat ellipsoids.
     """
     a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
-    return np.asarray(4.0 * np.pi * special.elliprg(a * b, a * c, b * c))
+    return np.asarray(4.0 * np.pi * carlson_rg(a * b, a * c, b * c))
 
 
 def mean_support(axes: Array) -> Array:
     """Mean of the support function of an ellipsoid, m, R_G(a^2, b^2, c^2); half the width."""
     a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
-    return np.asarray(special.elliprg(a, b, c))
+    return np.asarray(carlson_rg(a, b, c))
 
 
 def mean_cubed_support(axes: Array) -> Array:
@@ -152,8 +150,8 @@ def mean_cubed_support(axes: Array) -> Array:
     a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
     pairs = a * b + a * c + b * c
     solid = pairs > 0.0  # with two axes of zero R_F is infinite and its factor zero
-    product = pairs * special.elliprf(*(np.where(solid, value, 1.0) for value in (a, b, c)))
-    total = 4.0 * (a + b + c) * special.elliprg(a, b, c)
+    product = pairs * carlson_rf(*(np.where(solid, value, 1.0) for value in (a, b, c)))
+    total = 4.0 * (a + b + c) * carlson_rg(a, b, c)
     return np.asarray((total - product - np.sqrt(a * b * c)) / 8.0)
 
 

@@ -1,12 +1,9 @@
 """The risk of a decision that was made from drawn futures, from how few of them it follows."""
 
 from functools import lru_cache
+from math import expm1, lgamma, log
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import gammaln, logsumexp
-
-from ..values.arrays import Array
 
 
 @lru_cache(maxsize=4096)
@@ -38,20 +35,27 @@ def risk_of_support(support: int, scenarios: int, doubt: float) -> float:
     if support >= scenarios:
         return 1.0
     m = np.arange(support, scenarios, dtype=np.float64)
-    chosen = _log_choose(m, support) + np.log(doubt / scenarios)
-    whole = float(_log_choose(np.array(float(scenarios)), support))
+    chosen = [_log_choose(of, support) for of in range(support, scenarios)]
+    left = np.array(chosen) + log(doubt / scenarios)
+    whole = _log_choose(scenarios, support)
 
     def excess(keep: float) -> float:
         """Logarithm of left over right at log(1 - eps): it falls as 1 - eps grows."""
-        found = logsumexp(chosen + (m - support) * keep)
-        return float(found - whole - (scenarios - support) * keep)
+        terms = left + (m - support) * keep
+        most = float(terms.max())
+        found = most + log(float(np.exp(terms - most).sum()))
+        return found - whole - (scenarios - support) * keep
 
-    return float(-np.expm1(brentq(excess, -50.0, 0.0, xtol=1e-12)))
+    low, high = -50.0, 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return -expm1(0.5 * (low + high))
 
 
-def _log_choose(of: Array, some: int) -> Array:
+def _log_choose(of: int, some: int) -> float:
     """Logarithm of the binomial coefficient."""
-    return np.asarray(gammaln(of + 1.0) - gammaln(some + 1.0) - gammaln(of - some + 1.0))
+    return lgamma(of + 1.0) - lgamma(some + 1.0) - lgamma(of - some + 1.0)
 
 
 @lru_cache(maxsize=256)

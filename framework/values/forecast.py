@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..numerics.special import upper_gamma_quantile
 from .arrays import (
     Array,
     BoolArray,
@@ -90,9 +91,7 @@ def content_bound(size: int, tail: float) -> float:
     ------
     WideberthError : tail outside (0, 1).
     """
-    from scipy.special import gammainccinv
-
-    return 2.0 * float(gammainccinv(0.5 * size, probability("tail", tail)))
+    return 2.0 * float(upper_gamma_quantile(0.5 * size, probability("tail", tail)))
 
 
 LIGHT = 0.01

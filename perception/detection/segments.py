@@ -9,6 +9,7 @@ from math import atan2, cos, sin
 import numpy as np
 
 from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.forecast import content_bound
 from ...framework.values.sensing import Scan, Segments, Sightings
 from .groups import by_gap
 from .hits import DRIFT, TURN, Hits, IntArray, hits_of, without
@@ -162,9 +163,7 @@ def _excess(off: Array) -> float:
 @cache
 def _bound(free: int) -> float:
     """Return what the sum of ``free`` squared deviations exceeds with probability `UNEVEN`."""
-    from scipy.special import chdtri
-
-    return float(chdtri(free, UNEVEN))
+    return content_bound(free, UNEVEN)
 
 
 def _merged(hits: Hits, lines: Sequence[_Line], deviation: float) -> list[_Line]:

@@ -11,6 +11,7 @@ import numpy as np
 from ...framework.state_estimator import StateEstimator, checked_start
 from ...framework.values.arrays import Array, assembled, positive
 from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import content_bound
 from ...framework.values.sensing import InertialSample, MotionEstimate, Sample, WheelSample
 from .model import BIAS, FORWARD, LATERAL, SIZE, SPEED, YAW_RATE, corrected, doubted, wrapped
 from .noise import MotionNoise, noise_of
@@ -114,12 +115,10 @@ class PlanarFilter(StateEstimator):
     rest: float = 2.0
 
     def __post_init__(self) -> None:
-        from scipy.special import chdtri
-
         name = type(self).__name__.lower()
         positive(f"{name}.wheel_radius", self.wheel_radius)
         positive(f"{name}.rest", self.rest, zero=True)
-        self._farthest = float(chdtri(1, _GATE))
+        self._farthest = content_bound(1, _GATE)
         self._noise = noise = noise_of(self.noise)
         self._growth = np.array([
             *(noise.position, noise.position, noise.heading, noise.speed, noise.lateral_speed),

@@ -11,6 +11,7 @@ from ...framework.plugins.config import ADVICE, build
 from ...framework.state_estimator import StateEstimator, checked_start, poses_at
 from ...framework.values.arrays import Array, BoolArray, assembled
 from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import content_bound
 from ...framework.values.polygon import Polygon, edge_normals
 from ...framework.values.sensing import MotionEstimate, Sample, Scan
 
@@ -81,9 +82,7 @@ class ScanMatching(StateEstimator):
     odometry: StateEstimator = field(default_factory=partial(build, "state_estimators", "ekf"))
 
     def __post_init__(self) -> None:
-        from scipy.special import chdtri
-
-        self._farthest = float(chdtri(1, _GATE))
+        self._farthest = content_bound(1, _GATE)
         if not self.walls:
             raise WideberthError(
                 "scan_matching.walls is empty; wanted the polygons of a map: without one use the "

@@ -58,9 +58,11 @@ class SampleAndDiscard(ConfidentCalibration):
 
     def discarded(self, count: int, tail: float) -> int:
         """Return k of ``count`` moments, which may be discarded; -1 where they are too few."""
-        from scipy.special import bdtr
-
-        return int(np.count_nonzero(bdtr(np.arange(count), count, tail) <= self.beta)) - 1
+        missed = np.arange(count)
+        ways = np.cumsum(np.log((count + 1.0 - missed[1:]) / missed[1:]))
+        chance = missed * math.log(tail) + (count - missed) * math.log1p(-tail)
+        chance[1:] += ways
+        return int(np.count_nonzero(np.cumsum(np.exp(chance)) <= self.beta)) - 1
 
     def sizes(
         self, scores: CalibrationScores, tail: float, learnt: CalibrationScores | None = None

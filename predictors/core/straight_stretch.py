@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...framework.numerics.special import upper_gamma_quantile
 from ...framework.values.arrays import Array
 from .history import Histories
 from .propagation import joint_covariance, white_acceleration
@@ -55,8 +56,6 @@ def _lines(longest: int, size: int) -> tuple[Array, Array, Array]:
     bound : (W + 1,), quantile of chi^2 of the residuals in ``size`` coordinates.
     drift : (W + 1,), g_w, mean square of a residual by white acceleration of density 1.
     """
-    from scipy.special import gammainccinv
-
     total = longest + 1
     residual = np.zeros((total, total, total))
     bound, drift = np.full(total, np.inf), np.zeros(total)
@@ -68,6 +67,6 @@ def _lines(longest: int, size: int) -> tuple[Array, Array, Array]:
         rest = np.eye(steps + 1) - design @ np.linalg.pinv(design)
         residual[steps, -steps - 1 :, -steps - 1 :] = rest
         free = steps - 1
-        bound[steps] = 2.0 * gammainccinv(0.5 * size * free, DOUBT)
+        bound[steps] = 2.0 * float(upper_gamma_quantile(0.5 * size * free, DOUBT))
         drift[steps] = np.trace(rest @ walked[: steps + 1, : steps + 1]) / free
     return residual, bound, drift

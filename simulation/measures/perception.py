@@ -7,6 +7,7 @@ import numpy as np
 
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import content_bound
 from ...metrics.statistics import known_mean
 from ..log.episode_log import Episode
 from ..log.frames import RigidMotion
@@ -76,11 +77,9 @@ def _of_robot(glances: Sequence[Glance]) -> dict[str, float]:
 
 def _judged(name: str, pairs: Sequence[tuple[Array, Array]], size: int) -> dict[str, float]:
     """Return the mean of e' P^-1 e, and the share of it within the nominal 95 %."""
-    from scipy.special import chdtri
-
     squares = np.array([_squared(error, spread) for error, spread in pairs])
     squares = squares[~np.isnan(squares)]
-    inside = squares <= float(chdtri(size, 0.05))
+    inside = squares <= content_bound(size, 0.05)
     return {f"{name}_nees": known_mean(squares), f"{name}_coverage": known_mean(inside)}
 
 
