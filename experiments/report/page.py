@@ -5,7 +5,10 @@ import hashlib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any
+
+from ...framework.plugins.extras import from_extra
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -29,36 +32,70 @@ def page(title: str, body: str, scripts: Sequence[str] = ()) -> str:
     body : HTML.
     scripts : files in templates/, joined to one script at the end of the page.
     """
-    code = "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in scripts)
+    code = "\n".join(text_of(name) for name in scripts)
     digest = base64.b64encode(hashlib.sha256(code.encode("utf-8")).digest()).decode("ascii")
     allowed = f"'sha256-{digest}'" if code else "'none'"
     policy = (
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
         f"script-src {allowed}; base-uri 'none'; form-action 'none'"
     )
-    style = (TEMPLATES / "page.css").read_text(encoding="utf-8")
-    return rendered(
-        "page.html", mark=MARK, policy=policy, title=title, style=style, body=body, code=code
+    return filled(
+        "page.html",
+        mark=MARK,
+        policy=policy,
+        title=escaped(title),
+        style=text_of("page.css"),
+        body=body,
+        script=f"<script>{code}</script>\n" if code else "",
     )
 
 
+def text_of(name: str) -> str:
+    """Return a file of templates/."""
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def filled(name: str, /, **values: str) -> str:
+    """Return a file of templates/ with HTML in the place of its ``$names``."""
+    return Template(text_of(name)).substitute(values)
+
+
+_ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&#34;", "'": "&#39;"})
+
+
+def escaped(text: object) -> str:
+    """Return plain text as HTML, as templates of Jinja2 escape it."""
+    return str(text).translate(_ESCAPES)
+
+
+def need_templates() -> Any:
+    """Return Jinja2.
+
+    Raises
+    ------
+    WideberthError : it is not installed.
+    """
+    otherwise = "without it, `wideberth show` prints the tables and `wideberth play` the episodes"
+    return from_extra("jinja2", "studies", "a report as HTML needs Jinja2", otherwise)
+
+
 def rendered(name: str, **values: Any) -> str:
-    """Return a template of templates/ as HTML; text in it is escaped."""
+    """Return a template of Jinja2 in templates/ as HTML; text in it is escaped."""
     return _environment().get_template(name).render(values)
 
 
 @cache
 def _environment() -> "Environment":
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    return Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        undefined=StrictUndefined,
+    jinja2 = need_templates()
+    made: Environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    return made
 
 
 def data_uri(kind: str, data: bytes) -> str:

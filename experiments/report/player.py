@@ -29,7 +29,7 @@ from ..engine.closed_loop import KEPT_BY, controllers_of, log_name
 from ..engine.errors import as_user_error
 from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopen
-from .page import MARK, PLAYER, page, rendered
+from .page import MARK, PLAYER, escaped, filled, page, text_of
 
 TAIL = 0.05
 """1 - content of drawn regions by default."""
@@ -66,10 +66,20 @@ def play(path: Path, out: Path, tail: float | None = None) -> Path:
     if not found:
         packed(read_episode(paths[0]), chosen)  # refuses, and says why
     many = f"{path.resolve().name}: {len(found)} runs" if len(found) > 1 else found[0].title
-    body = rendered(
-        "play.html", title=many, player=player(found, many, alone=True), left_out=left_out
-    )
+    body = _body(many, player(found, many, alone=True), left_out)
     return write_text(out, page(many, body, PLAYER))
+
+
+def _body(title: str, player: str, left_out: Sequence[Path]) -> str:
+    """Return the HTML of a page with one player, which names the episodes that are too large."""
+    commands = (f"<code>wideberth play {escaped(path)}</code>" for path in left_out)
+    return filled(
+        "play.html",
+        title=escaped(title),
+        player=player,
+        left_out="".join(f"<p>Too large for this page: {command}</p>\n" for command in commands),
+        template=text_of("player.html"),
+    )
 
 
 @final
@@ -103,6 +113,17 @@ class Recorded:
         """Name it by some of its labels, or as its file where there are none."""
         some = ", ".join(self.labels.get(name, "") for name in differing)
         return some.replace("_", " ") or self.name
+
+    def html(self, differing: Sequence[str]) -> str:
+        """Return it as an element of the page, named by some of its labels."""
+        return filled(
+            "player_episode.html",
+            name=escaped(self.name),
+            label=escaped(self.label(differing)),
+            title=escaped(self.title),
+            note=escaped(self.note),
+            text=self.text,
+        )
 
 
 def recordings(paths: Sequence[Path], tail: float, room: int) -> tuple[list[Recorded], list[Path]]:
@@ -168,8 +189,11 @@ def player(episodes: Sequence[Recorded], label: str, alone: bool = False) -> str
         for name in (episodes[0].labels if episodes else ())
         if len({one.labels.get(name) for one in episodes}) > 1
     ]
-    return rendered(
-        "player_section.html", episodes=episodes, label=label, alone=alone, differing=differing
+    return filled(
+        "player_section.html",
+        label=escaped(label),
+        alone=" data-alone" if alone else "",
+        episodes="".join(one.html(differing) for one in episodes),
     )
 
 
