@@ -11,13 +11,12 @@ import os
 import re
 import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from ...framework.plugins.config import build, describe
+from ...framework.plugins.file_lock import file_lock
 from ...framework.plugins.io import read_json, write_json, write_text
 from ...framework.plugins.yamlfile import STORED, dump, parse, read_config
 from ...framework.values.errors import WideberthError
@@ -108,23 +107,19 @@ def locked(out: Path) -> Iterator[None]:
     ------
     WideberthError : another run is at work there, or it cannot be written.
     """
-    try:
-        refuse_links(out, out / TASKS / LOCK)
-        (out / TASKS).mkdir(parents=True, exist_ok=True)
-        lock = FileLock(out / TASKS / LOCK, timeout=0)
-        with suppress(NotImplementedError):  # no locks on that disk: what both write is the same
-            lock.acquire()
-    except Timeout:
-        raise WideberthError(
-            f"another run is at work in {out}; let it finish, stop it, or give another "
-            "folder with --out"
-        ) from None
-    except OSError as error:
-        raise _unwritable(out, error) from None
-    try:
+    with ExitStack() as held:
+        try:
+            refuse_links(out, out / TASKS / LOCK)
+            (out / TASKS).mkdir(parents=True, exist_ok=True)
+            held.enter_context(file_lock(out / TASKS / LOCK))
+        except BlockingIOError:
+            raise WideberthError(
+                f"another run is at work in {out}; let it finish, stop it, or give another "
+                "folder with --out"
+            ) from None
+        except OSError as error:
+            raise _unwritable(out, error) from None
         yield
-    finally:
-        lock.release()
 
 
 def prepare(

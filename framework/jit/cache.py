@@ -15,6 +15,9 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from hashlib import sha256
 from pathlib import Path
 
+from ..plugins.extras import from_extra
+from ..plugins.file_lock import file_lock
+
 _BUDGET = 200 * 2**20
 """Bytes that the folder may hold; the files that were not used for the longest time go first."""
 _ABANDONED = 86400.0
@@ -36,12 +39,11 @@ def folder(kind: str = "jit") -> Path:
     Raises
     ------
     OSError : it cannot be made, its user has no home folder, or other users may write there.
+    WideberthError : it is among the user's caches, and platformdirs is not installed.
     """
-    import platformdirs
-
     chosen = os.environ.get("WIDEBERTH_CACHE")
     try:
-        base = Path(chosen or platformdirs.user_cache_dir("wideberth", False)).expanduser()
+        base = Path(chosen or _user_cache()).expanduser()
     except RuntimeError as error:  # there is no home folder
         raise OSError(f"no place for it: {error}; set WIDEBERTH_CACHE") from None
     root = base.absolute() / kind
@@ -52,6 +54,13 @@ def folder(kind: str = "jit") -> Path:
             f"`chmod 700 {root}` if all in it is yours, or set WIDEBERTH_CACHE"
         )
     return root
+
+
+def _user_cache() -> str:
+    """Return this user's folder of caches, as the operating system has it."""
+    need = "a folder for compiled code needs platformdirs"
+    places = from_extra("platformdirs", "fast", need, "or set WIDEBERTH_CACHE")
+    return str(places.user_cache_dir("wideberth", False))
 
 
 def _own(found: os.stat_result) -> bool:
@@ -123,17 +132,15 @@ def alone(path: Path, waiting: AbstractContextManager[None]) -> Iterator[None]:
     network folders), or after long waiting, the caller goes on beside the others: that costs time
     only. ``waiting`` is entered while another process holds the lock.
     """
-    from filelock import FileLock, Timeout
-
     # 16 locks for all names of a stem, since locks are never deleted. One stem's alone: kernels of
     # a second must not wait for a solver of minutes.
     stem, _, digest = path.stem.rpartition("_")
-    lock = FileLock(path.with_name(f".lock-{stem}-{digest[:1]}"), mode=0o600)
+    lock = path.with_name(f".lock-{stem}-{digest[:1]}")
     with ExitStack() as held:
-        with suppress(Timeout, OSError, NotImplementedError):
+        with suppress(OSError):
             try:
-                held.enter_context(lock.acquire(timeout=0))
-            except Timeout:
+                held.enter_context(file_lock(lock))
+            except BlockingIOError:
                 with waiting:
-                    held.enter_context(lock.acquire(timeout=_PATIENCE))
+                    held.enter_context(file_lock(lock, _PATIENCE))
         yield
