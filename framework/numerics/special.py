@@ -186,7 +186,7 @@ def carlson_rf(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
     B. C. Carlson, Numerical computation of real or complex elliptic integrals, Numerical
     Algorithms 10, 1995.
     """
-    return _duplicated(*np.broadcast_arrays(*map(np.float64, (x, y, z))))[0]
+    return _duplicated(*_in_order(x, y, z))[0]
 
 
 def carlson_rg(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
@@ -200,13 +200,18 @@ def carlson_rg(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
     ----------
     NIST Digital Library of Mathematical Functions, 19.21.10; see `carlson_rf`.
     """
-    least, middle, most = np.sort(np.stack(np.broadcast_arrays(x, y, z)).astype(np.float64), 0)
+    least, middle, most = _in_order(x, y, z)
     solid = middle > 0.0  # else R_G = sqrt(most) / 2
     z = np.where(solid, middle, 1.0)
     x, y = np.where(solid, least, 1.0), np.where(solid, most, 1.0)
     first, second = _duplicated(x, y, z)
     twice = z * first + (z - x) * (y - z) * second / 3.0 + np.sqrt(x) * np.sqrt(y / z)
     return np.asarray(0.5 * np.where(solid, twice, np.sqrt(most)))
+
+
+def _in_order(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
+    """Return three numbers from small to large, (3, ...)."""
+    return np.sort(np.stack(np.broadcast_arrays(x, y, z)).astype(np.float64), axis=0)
 
 
 def _duplicated(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
