@@ -10,7 +10,7 @@ from ..framework.predictor import Adaptive, Predictor
 from ..framework.values.arrays import Array, BoolArray, positive, whole
 from ..framework.values.convex_area import THIN, ConvexArea, Corners, checked_area
 from ..framework.values.forecast import LIGHT, Forecast, Scene
-from ..framework.values.polygon import width_across
+from ..framework.values.polygon import convex_hull, width_across
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, with_fallback
 from .core.history import NOISE_FLOOR, Histories, gather, measurement_noise
@@ -172,7 +172,7 @@ class TurningPeople(Adaptive):
     @cached_property
     def _known_area(self) -> ConvexArea | None:
         if self.area:
-            return ConvexArea.around(_hull(np.array(self.area)), GIVEN_BORDER)
+            return ConvexArea.around(convex_hull(np.array(self.area)), GIVEN_BORDER)
         return None if self.state is None else self.state.area
 
     @property
@@ -226,7 +226,7 @@ class TurningPeople(Adaptive):
         seen = positions[:, rows - fresh :].reshape(-1, 2)
         seen = seen[np.isfinite(seen).all(axis=1)]
         if not self.area and len(seen):
-            hull = _hull(np.concatenate([np.reshape(state.corners, (-1, 2)), seen]))
+            hull = convex_hull(np.concatenate([np.reshape(state.corners, (-1, 2)), seen]))
             state = replace(state, corners=tuple((float(x), float(y)) for x, y in hull))
         learnt = replace(self, state=replace(state, stamp=tracks.stamp))
         return learnt._counted(tracks, fresh)
@@ -259,14 +259,6 @@ def _walks(past: Histories, noise: Array, dt: float) -> tuple[Array, Array, Arra
     left = 1.0 - (stretch.length - 1) / LONGEST_STRETCH
     variance[:, 2] += UNREST**2 * np.where(stretch.began > past.began, left, 0.0)
     return past.origin + walk.state[:, :2], walk.state[:, 2:], variance
-
-
-def _hull(points: Array) -> Array:
-    """Corners of the convex hull of points (P, 2), (V, 2), m."""
-    import shapely
-
-    ring = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(points)))
-    return np.asarray(ring[:-1] if len(ring) > 1 else ring)
 
 
 def _ways(

@@ -7,7 +7,7 @@ import numpy as np
 
 from .arrays import Array, checked
 from .errors import WideberthError
-from .polygon import edge_normals, width_across
+from .polygon import area_within, convex_hull, edge_normals, width_across
 
 NEAREST = 0.1
 """m, least way to the border."""
@@ -69,8 +69,6 @@ def checked_area(name: str, corners: Corners) -> Array:
     WideberthError : fewer than three corners, no area between them, or an outline that is not
         convex.
     """
-    import shapely
-
     found = checked(name, corners if len(corners) else np.empty((0, 2)), (None, 2))
     if not len(found):
         return found
@@ -79,8 +77,7 @@ def checked_area(name: str, corners: Corners) -> Array:
             f"{name} is {corners}; wanted three corners or more around an area wider than "
             f"{THIN:g} m, or none"
         )
-    hull = shapely.convex_hull(shapely.MultiPoint(found)).area
-    if shapely.Polygon(found).area < (1.0 - 1e-6) * hull:
+    if area_within(found) < (1.0 - 1e-6) * area_within(convex_hull(found)):
         raise WideberthError(
             f"{name} is {corners}, which is not convex; wanted the corners of a convex outline, "
             "in their order"

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from ..plugins.extras import from_extra
 from .arrays import FARTHEST, Array, checked, settle, whole
 from .errors import WideberthError
 
@@ -51,10 +52,7 @@ class Polygon:
         if np.abs(points).max(initial=0.0) > FARTHEST:
             raise WideberthError(f"{label} reach beyond {FARTHEST:g} m from the origin")
         _check_simple(label, points)
-        ahead = np.roll(points, -1, axis=0)
-        base = points[0]  # an area about a far origin has no digits left
-        twice = _cross(points - base, ahead - base).sum()
-        if twice < 0.0:
+        if _signed_area(points) < 0.0:
             points = np.roll(points[::-1], 1, axis=0)
         settle(self, vertices=tuple((float(x), float(y)) for x, y in points))
 
@@ -81,6 +79,18 @@ class Polygon:
         corners : most vertices that a part may have, at least 3.
         """
         return convex_parts(self.points, whole("corners", corners, least=3))
+
+
+def area_within(outline: Array) -> float:
+    """Area within an outline (V, 2) in either orientation, m^2."""
+    return abs(_signed_area(outline))
+
+
+def _signed_area(outline: Array) -> float:
+    """Area within an outline, m^2, below 0 where it runs clockwise."""
+    base = outline[0]  # an area about a far origin has no digits left
+    ahead = np.roll(outline, -1, axis=0)
+    return 0.5 * float(_cross(outline - base, ahead - base).sum())
 
 
 def edge_normals(vertices: Array) -> Array:
@@ -263,8 +273,6 @@ def _cross(first: Array, second: Array) -> Array:
 
 def _check_simple(label: str, points: Array) -> None:
     """Refuse what is no simple polygon; raises as `Polygon`."""
-    import shapely
-
     if len(points) < 3:
         raise WideberthError(f"{label} holds {len(points)} points; wanted at least 3")
     length = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
@@ -280,6 +288,9 @@ def _check_simple(label: str, points: Array) -> None:
             f"{label} are {width:.3g} m across: they lie on a line; wanted an area wider than "
             f"{THIN:g} m"
         )
+    if _turns_once(points):
+        return
+    shapely = from_extra("shapely", "maps", f"{label} are not convex, for which we need shapely")
     if not shapely.is_valid(outline := shapely.Polygon(points)):
         raise WideberthError(
             f"{label} cross or touch themselves ({shapely.is_valid_reason(outline)}); wanted a "
@@ -287,13 +298,56 @@ def _check_simple(label: str, points: Array) -> None:
         )
 
 
+def _turns_once(points: Array) -> bool:
+    """Whether an outline turns to one side alone, once round: it is convex and simple."""
+    ahead = np.roll(points, -1, axis=0) - points
+    after = np.roll(ahead, -1, axis=0)
+    turned = float(np.arctan2(_cross(ahead, after), (ahead * after).sum(axis=1)).sum())
+    ring = list(range(len(points)))
+    return abs(abs(turned) - 2.0 * np.pi) < 1e-6 and _convex(
+        points, ring if turned > 0.0 else ring[::-1]
+    )
+
+
+def convex_hull(points: Array) -> Array:
+    """Return the corners of the convex hull of points (P, 2), (V, 2), clockwise from the lowest.
+
+    Of points on a line they are its ends.
+
+    References
+    ----------
+    A. M. Andrew, Another efficient algorithm for convex hulls in two dimensions, Information
+    Processing Letters 9, 1979.
+    """
+    ordered = sorted({(float(x), float(y)) for x, y in points})
+    if len(ordered) < 3:
+        return np.array(ordered)
+    ring = _upper_side(ordered)[:-1] + _upper_side(ordered[::-1])[:-1]
+    lowest = min(range(len(ring)), key=lambda place: ring[place][::-1])
+    return np.array(ring[lowest:] + ring[:lowest])
+
+
+def _upper_side(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the corners that turn right alone on the way from the first point to the last."""
+    chain: list[tuple[float, float]] = []
+    for point in ordered:
+        while len(chain) > 1 and _left_of(chain[-2], chain[-1], point) >= 0.0:
+            chain.pop()
+        chain.append(point)
+    return chain
+
+
+def _left_of(start: Sequence[float], end: Sequence[float], point: Sequence[float]) -> float:
+    """Twice the area of a triangle, m^2; above 0 where the point is left of the line."""
+    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (
+        point[0] - start[0]
+    )
+
+
 def width_across(points: Array) -> float:
     """Return the least distance of two parallel lines between which points (V, 2) lie, m."""
-    import shapely
-
-    hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(points)))
     middle = points.mean(axis=0)
-    normals = edge_normals(hull - middle)  # the last one, of the repeated vertex, is zero
+    normals = edge_normals(convex_hull(points)[::-1] - middle)
     across = normals[normals.any(axis=1)] @ (points - middle).T
     return float(np.ptp(across, axis=1).min())
 
@@ -371,8 +425,7 @@ def _halved(ring: Ring, corners: int) -> list[Ring]:
 
 def _triangles(points: Array, rings: Sequence[Array]) -> list[Ring]:
     """Constrained Delaunay triangles as counter-clockwise indices of the points of all rings."""
-    import shapely
-
+    shapely = from_extra("shapely", "maps", "to cut a polygon that is not convex needs shapely")
     index = {(float(x), float(y)): place for place, (x, y) in enumerate(points)}
     found = shapely.constrained_delaunay_triangles(shapely.Polygon(rings[0], rings[1:])).geoms
     triangles = []

@@ -1,5 +1,6 @@
 """Polygons, their convex parts and separations, against shapely, closed forms and brute force."""
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,14 @@ import shapely
 
 from wideberth.framework.plugins import config
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.polygon import Polygon, best_direction, edge_normals, separation
+from wideberth.framework.values.polygon import (
+    Polygon,
+    area_within,
+    best_direction,
+    convex_hull,
+    edge_normals,
+    separation,
+)
 
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 ELL = ((0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3))
@@ -44,6 +52,40 @@ def test_kept_counter_clockwise_and_read_only(vertices: Any) -> None:
     assert shapely.Polygon(polygon.points).equals(shapely.Polygon(vertices))
     assert not polygon.points.flags.writeable and polygon.points.dtype == np.float64
     assert polygon == Polygon(polygon.vertices) and eval(repr(polygon)) == polygon
+
+
+def test_convex_hull_and_area_are_shapelys() -> None:
+    rng = np.random.default_rng(5)
+    for count in rng.integers(3, 40, 300):
+        points = rng.normal(size=(count, 2)) * 10.0 ** rng.integers(-2, 3)
+        wanted = shapely.convex_hull(shapely.MultiPoint(points))
+        found = convex_hull(np.concatenate([points, points[:2]]))
+        np.testing.assert_array_equal(found, shapely.get_coordinates(wanted)[:-1])
+        assert area_within(found) == pytest.approx(wanted.area, rel=1e-12)
+    line = np.linspace([0.0, 1.0], [4.0, 3.0], 5)
+    assert convex_hull(line).tolist() == [[0.0, 1.0], [4.0, 3.0]]
+    assert convex_hull(line[:1]).tolist() == [[0.0, 1.0]]
+
+
+def test_shapely_is_needed_of_an_outline_that_is_not_convex(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "shapely", None)
+    rng = np.random.default_rng(6)
+    for count in (3, 4, 7, 16):
+        outline = convex(count, rng)
+        middle = 0.5 * (outline[0] + outline[1])  # a corner on a straight side
+        for one in (outline, outline[::-1], np.insert(outline, 1, middle, axis=0)):
+            assert len(Polygon(one).parts) == 1
+    for one in (ELL, ((0, 0), (2, 2), (2, 0), (0, 2)), star_of_five()):
+        with pytest.raises(WideberthError, match=r"not convex.*'wideberth\[maps\]'"):
+            Polygon(one)
+
+
+def star_of_five() -> Any:
+    """Return a pentagram, which turns to one side alone, twice round."""
+    angle = 4.0 * np.pi * np.arange(5) / 5
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def test_orientation_far_from_the_origin() -> None:
