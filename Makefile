@@ -9,7 +9,8 @@ FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_gam
 unexport PYTHONDONTWRITEBYTECODE
 
 # Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
-EXTRAS := bags bench cluster docs frames gym lint parquet physics sim test
+EXTRAS := all bench cluster docs lint physics test
+ROS_EXTRAS := fast maps physics sim studies
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
   --no-header -q
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
@@ -99,8 +100,8 @@ graph: .venv/ready      ## draw which groups of modules import which
 
 lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	$(LOCK) $(EXTRAS:%=--extra %) -o requirements.lock
-	$(LOCK) -c requirements.lock --extra ros --extra physics --extra sim -o tests/ros/kilted.lock
-	$(LOCK) -c requirements.lock --extra ros-jazzy --extra physics --extra sim -o tests/ros/jazzy.lock
+	$(LOCK) -c requirements.lock $(ROS_EXTRAS:%=--extra %) --extra ros -o tests/ros/kilted.lock
+	$(LOCK) -c requirements.lock $(ROS_EXTRAS:%=--extra %) --extra ros-jazzy -o tests/ros/jazzy.lock
 
 .venv/ready: pyproject.toml requirements.lock
 	$(PY) -m venv .venv

@@ -189,7 +189,7 @@ def listed(names: Iterable[str], most: int = 8) -> str:
 def need_frames() -> None:
     """Raise a `WideberthError` where the extra for data frames is missing."""
     otherwise = "without it, `rows` of a result holds its table as dictionaries"
-    from_extra("pandas", "frames", "data frames need pandas", otherwise)
+    from_extra("pandas", "studies", "data frames need pandas", otherwise)
 
 
 def _read_frame(path: Path) -> "pandas.DataFrame":

@@ -21,6 +21,7 @@ from ...framework.values.errors import WideberthError, short
 from .base import Experiment, Result, Row, Task, TaskOutcome
 from .csv_tables import read_rows, table_text, write_table
 from .errors import as_user_error, describe_error
+from .pool import LocalPool, Pool, need_workers, sweep
 from .progress import progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
 from .result import check_finished
@@ -43,7 +44,6 @@ from .worker import measured, pack_job
 
 if TYPE_CHECKING:
     from .dask_pool import Scheduler
-    from .pool import Pool
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,8 @@ def run(
         raise WideberthError(
             f"workers is {workers}, and a scheduler has its own; give one of them"
         )
+    if workers > 1:
+        need_workers()
     out = expanded(out)
     check_folder(out)
     with as_user_error():
@@ -159,7 +161,7 @@ def _work(experiment: Experiment, plugins: Sequence[str]) -> _Work:
 
 
 @contextmanager
-def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> "Iterator[Pool | None]":
+def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> Iterator[Pool | None]:
     """Yield the workers, ready; None means this process. They end with the block."""
     if scheduler is None and workers == 1:
         yield None
@@ -167,8 +169,6 @@ def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> "Iterator
     job = pack_job(work.experiment, work.plugins)
     pool: Pool
     if scheduler is None:
-        from .pool import LocalPool
-
         pool = LocalPool(job, workers)
     else:
         from .dask_pool import Cluster
@@ -180,7 +180,7 @@ def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> "Iterator
         pool.close()
 
 
-def _measure(work: _Work, out: Path, pool: "Pool | None", extended: bool) -> None:
+def _measure(work: _Work, out: Path, pool: Pool | None, extended: bool) -> None:
     """Do the tasks that are not finished, and write the folder of each when it is done."""
     missing = _missing(work, out)
     total, done = len(work.tasks), len(work.tasks) - len(missing)
@@ -198,8 +198,6 @@ def _measure(work: _Work, out: Path, pool: "Pool | None", extended: bool) -> Non
     try:
         with progress(total, done) as advance:
             if pool is not None:
-                from .pool import sweep
-
                 sweep(pool, missing, keep)
             else:
                 for key, task in missing.items():

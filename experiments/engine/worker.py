@@ -21,6 +21,7 @@ from typing import Any
 
 from ...framework.control.rate_limited_warnings import quiet
 from ...framework.plugins.config import import_plugins
+from ...framework.plugins.extras import from_extra
 from ...framework.values.errors import WideberthError
 from . import thread_limits
 from .base import Experiment, Task, TaskOutcome
@@ -47,9 +48,8 @@ class Job:
 
 def pack_job(experiment: Experiment, plugins: Sequence[str]) -> bytes:
     """Return a `Job` as bytes; classes of a script travel by value, those of modules by name."""
-    import cloudpickle
-
-    packed = cloudpickle.dumps(experiment)
+    library = from_extra("cloudpickle", "studies", "workers need cloudpickle")
+    packed = library.dumps(experiment)
     return pickle.dumps(Job(packed, tuple(plugins), environment(experiment, plugins)))
 
 

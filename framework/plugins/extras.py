@@ -1,7 +1,6 @@
 """Libraries that come with an extra, imported when they are needed."""
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, requires
 from typing import Any
 
 from ..values.errors import WideberthError
@@ -34,26 +33,11 @@ def missing(extra: str, need: str, error: Exception, otherwise: str = "") -> Wid
 
 
 def installation(extra: str) -> str:
-    """Say how the libraries of an extra are installed; this package itself is in no index.
+    """Say how the libraries of an extra are installed.
 
     Examples
     --------
     >>> installation("sim")
-    "pip install 'pyrvo>=0.4.3', or in a clone pip install -e '.[sim]'"
+    "pip install 'wideberth[sim]'"
     """
-    in_a_clone = f"in a clone pip install -e '.[{extra}]'"
-    libraries = " ".join(f"'{library}'" for library in _libraries(extra))
-    return f"pip install {libraries}, or {in_a_clone}" if libraries else in_a_clone
-
-
-def _libraries(extra: str) -> list[str]:
-    """Return the requirements of an extra; none where the package runs without being installed."""
-    try:
-        found = [line.split(";") for line in requires("wideberth") or ()]
-    except PackageNotFoundError:
-        return []
-    return [
-        name.strip()
-        for name, *marker in found
-        if marker and marker[0].replace('"', "'").strip() == f"extra == '{extra}'"
-    ]
+    return f"pip install 'wideberth[{extra}]'"

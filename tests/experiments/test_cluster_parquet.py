@@ -97,11 +97,11 @@ def test_without_the_extra_nothing_is_begun(
     monkeypatch.setattr(sys, "path", list(sys.path))
     with pytest.raises(SystemExit, match="2"):
         cli.main(["run", "approximation_error", "--parquet"])
-    assert "pip install -e '.[parquet]'" in capsys.readouterr().err
+    assert "pip install 'wideberth[parquet]'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "distributed", None)
     module = importlib.import_module("wideberth.experiments.engine.dask_pool")
-    with pytest.raises(WideberthError, match=r"pip install 'distributed>=.*-e '\.\[cluster\]'"):
+    with pytest.raises(WideberthError, match=r"pip install 'wideberth\[cluster\]'"):
         module.Cluster(module.Scheduler("tcp://127.0.0.1:9"), b"")
 
 

@@ -72,7 +72,7 @@ def test_without_pandas(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     result = open_result(folder)
     assert len(result.rows) == 4 and "summary" in repr(result)
-    with pytest.raises(WideberthError, match=r"pip install .*'pandas>=.*-e '\.\[frames\]'"):
+    with pytest.raises(WideberthError, match=r"pip install 'wideberth\[studies\]'"):
         result.tables["summary"]
 
 

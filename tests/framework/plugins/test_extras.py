@@ -1,37 +1,22 @@
-"""Where a library of an extra is missing, the error says what installs it and works anywhere."""
+"""Where a library of an extra is missing, the error says what installs it."""
 
-import re
+import ast
 import tomllib
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
 
 from wideberth import WideberthError
-from wideberth.framework.plugins import extras
-from wideberth.framework.plugins.extras import from_extra, installation
+from wideberth.framework.plugins.extras import from_extra
 
 ROOT = Path(__file__).resolve().parents[3]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
     "optional-dependencies"
 ]
-INDEX = re.compile(r"pip install\s+wideberth\b|'wideberth\[[^\]']*\]'")
-"""What no index has."""
-
-
-@pytest.mark.parametrize("extra", EXTRAS)
-def test_the_libraries_are_named_with_their_versions(extra: str) -> None:
-    *libraries, clone = installation(extra).removeprefix("pip install ").split(", or ")
-    assert clone == f"in a clone pip install -e '.[{extra}]'"
-    assert sorted(re.findall("'([^']+)'", libraries[0])) == sorted(EXTRAS[extra])
-
-
-def test_without_metadata_the_clone_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def nowhere(name: str) -> list[str]:
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr(extras, "requires", nowhere)
-    assert installation("sim") == "in a clone pip install -e '.[sim]'"
+ROOMS = (
+    "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
+    "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
+)  # fmt: skip
 
 
 def test_an_error_says_who_needs_it_and_what_else_can_be_done() -> None:
@@ -39,14 +24,25 @@ def test_an_error_says_who_needs_it_and_what_else_can_be_done() -> None:
         from_extra("no_such_library", "sim", "the crowd needs it", "or leave it out")
     assert str(caught.value) == (
         "the crowd needs it, which cannot be imported (No module named 'no_such_library'): "
-        "pip install 'pyrvo>=0.4.3', or in a clone pip install -e '.[sim]'; or leave it out"
+        "pip install 'wideberth[sim]'; or leave it out"
     )
 
 
-def test_nothing_names_an_index_that_lacks_the_package() -> None:
-    rooms = ("ros", "controllers", "experiments", "framework", "perception", "predictors",
-             "regions", "robots", "routes", "simulation", "examples")  # fmt: skip
-    files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
-    files += [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    wrong = [str(file) for file in files if INDEX.search(file.read_text(encoding="utf-8"))]
-    assert not wrong
+def named_extras() -> set[tuple[str, str]]:
+    """Return library and extra of every call of `from_extra` in the package."""
+    found = set()
+    for path in (file for room in ROOMS for file in (ROOT / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            named = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            if named and node.func.id == "from_extra":  # type: ignore[attr-defined]
+                module, extra = node.args[:2]  # type: ignore[attr-defined]
+                if isinstance(module, ast.Constant):
+                    found.add((str(module.value).partition(".")[0], ast.literal_eval(extra)))
+    return found
+
+
+def test_the_extra_that_an_error_names_installs_the_library() -> None:
+    calls = named_extras()
+    assert ("pyarrow", "parquet") in calls and ("mujoco", "physics") in calls
+    for library, extra in calls:
+        assert any(one.startswith(library) for one in EXTRAS[extra]), (library, extra)
