@@ -87,9 +87,10 @@ mutants: .venv/ready    ## change the code for the worse and count what no test 
 figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first where need be)
 	$(BIN)/wideberth figures $(FIGURES) --workers 2
 
-wheel: .venv/ready      ## build dist/*.whl and dist/*.tar.gz, and try the wheel in a fresh environment
+wheel: .venv/ready      ## build dist/*.whl and dist/*.tar.gz, check them, and try the wheel in a fresh environment
 	rm -rf build dist
 	$(BIN)/python -m build -q
+	$(BIN)/twine check --strict dist/*
 	$(BIN)/python tests/house/smoke_wheel.py dist/*.whl
 
 pictures: .venv/ready   ## draw the film at the top of the README

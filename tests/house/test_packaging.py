@@ -3,9 +3,12 @@
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
+
+import pytest
 
 import wideberth
 
@@ -36,22 +39,54 @@ def test_no_folder_lacks_its_init() -> None:
                 assert (path.parent / "__init__.py").exists(), path
 
 
-def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    source.mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE", "docs", *FACE, *TOP):
-        (source / name).symlink_to(ROOT / name)
-    (source / "tests").mkdir()
-    (source / "tests" / "test_x.py").write_text("")
-    script = (
-        "from setuptools import build_meta; import sys; print(build_meta.build_wheel(sys.argv[1]))"
-    )
+MADE = {".git", ".venv", "build", "dist", "results", "wideberth.egg-info"}
+"""What commands write into a checkout; its caches begin with a dot and are no part either."""
+BUILD = (
+    "import sys; from setuptools import build_meta; "
+    "print(getattr(build_meta, sys.argv[1])(sys.argv[2]))"
+)
+
+
+def built(kind: str, source: Path, out: Path) -> Path:
+    """Build the wheel or the source archive of a folder; return the file."""
     done = subprocess.run(
-        [sys.executable, "-c", script, str(tmp_path)], cwd=source, capture_output=True, text=True
-    )
+        [sys.executable, "-c", BUILD, f"build_{kind}", str(out)],
+        cwd=source, capture_output=True, text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
-    (wheel,) = tmp_path.glob("*.whl")
-    names = set(zipfile.ZipFile(wheel).namelist())
+    return out / done.stdout.splitlines()[-1]
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return what the source archive holds, unpacked."""
+    folder = tmp_path_factory.mktemp("archive")
+    source = folder / "source"
+    source.mkdir()
+    for path in ROOT.iterdir():
+        if path.name not in MADE and not path.name.endswith("cache"):
+            (source / path.name).symlink_to(path)
+    with tarfile.open(built("sdist", source, folder)) as packed:
+        packed.extractall(folder, filter="data")
+    return folder / f"wideberth-{wideberth.__version__}"
+
+
+def test_source_archive_holds_what_the_tests_need(archive: Path) -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True
+    ).stdout.split("\0")
+    if listed == [""]:
+        pytest.skip("no clone")
+    wanted = {name for name in listed if name and (ROOT / name).is_file()}
+    found = {str(path.relative_to(archive)) for path in archive.rglob("*") if path.is_file()}
+    assert wanted - found == set()
+    added = {name for name in found - wanted if ".egg-info/" not in name}
+    assert added <= {"PKG-INFO", "setup.cfg"}
+
+
+def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path) -> None:
+    """It is built from the source archive, as an index's users may do."""
+    names = set(zipfile.ZipFile(built("wheel", archive, tmp_path)).namelist())
     modules = {
         f"wideberth/{path.relative_to(ROOT).as_posix()}"
         for room in TOP for path in (ROOT / room).rglob("*.py*")
@@ -75,6 +110,8 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in templates}
     assert wanted <= names
     assert f"wideberth-{wideberth.__version__}.dist-info/METADATA" in names
+    licences = {name.partition("/licenses/")[2] for name in names if "/licenses/" in name}
+    assert licences == {"LICENSE", "experiments/data/dynabarn_MIT.txt"}
     other = {name for name in names - wanted if ".dist-info/" not in name}
     data = tuple(f"wideberth/{folder}/" for folder in DATA)
     assert all(name.startswith(data) for name in other), other
@@ -100,8 +137,6 @@ def test_public_names_are_there() -> None:
         for name in dir(module):
             assert getattr(module, name) is not None
     assert wideberth.WideberthError is framework.WideberthError
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"\nversion: {wideberth.__version__}\n" in citation
 
 
 def test_locks_name_every_dependency_and_no_address() -> None:
