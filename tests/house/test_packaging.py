@@ -72,12 +72,11 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_source_archive_holds_what_the_tests_need(archive: Path) -> None:
-    listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True
-    ).stdout.split("\0")
-    if listed == [""]:
+    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True).stdout
+    if not listed:
         pytest.skip("no clone")
-    wanted = {name for name in listed if name and (ROOT / name).is_file()}
+    wanted = {name for name in listed.split("\0") if name and (ROOT / name).is_file()}
     found = {str(path.relative_to(archive)) for path in archive.rglob("*") if path.is_file()}
     assert wanted - found == set()
     added = {name for name in found - wanted if ".egg-info/" not in name}

@@ -1,0 +1,113 @@
+"""What runs where the repository is hosted: it calls make, and names what there is."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from wideberth.tests.house.test_packaging import ROOT, SETTINGS
+
+HOSTED = ROOT / ".github"
+WORKFLOWS = {path.stem: path for path in sorted((HOSTED / "workflows").glob("*.yml"))}
+FILES = [*sorted(HOSTED.rglob("*.yml")), ROOT / ".readthedocs.yaml"]
+FILES += [ROOT / ".pre-commit-config.yaml", ROOT / "CITATION.cff"]
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+TARGETS = set(re.findall(r"^([a-z]+):", MAKEFILE, re.MULTILINE))
+PINNED = re.compile(r"[\w-]+/[\w-]+@(v\d+|release/v\d+)")
+"""As `actions/checkout@v5`: a major version."""
+
+
+def read(path: Path) -> Any:
+    """Return the content of a YAML file; ``on`` is no truth value in a workflow."""
+    return yaml.load(path.read_text(encoding="utf-8"), yaml.BaseLoader)
+
+
+def jobs(name: str) -> dict[str, Any]:
+    found: dict[str, Any] = read(WORKFLOWS[name])["jobs"]
+    return found
+
+
+def steps() -> list[dict[str, Any]]:
+    """Return the steps of all workflows and of the action that they share."""
+    found = [step for name in WORKFLOWS for job in jobs(name).values() for step in job["steps"]]
+    actions = [read(path) for path in sorted((HOSTED / "actions").rglob("action.yml"))]
+    return [*found, *(step for action in actions for step in action["runs"]["steps"])]
+
+
+def pythons(name: str) -> set[str]:
+    """Return the Pythons that the jobs of a workflow name."""
+    every = (job.get("strategy", {}).get("matrix", {}) for job in jobs(name).values())
+    return {version for matrix in every for version in matrix.get("python", [])}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_a_hosted_file_can_be_read(path: Path) -> None:
+    assert isinstance(read(path), dict)
+
+
+def test_there_is_a_workflow_for_each_kind_of_check() -> None:
+    assert set(WORKFLOWS) == {"docs", "lint", "release", "tests", "wheel"}
+    for name, path in WORKFLOWS.items():
+        assert read(path)["name"] == name
+        assert read(path)["permissions"] == {"contents": "read"}
+        assert set(read(path)["concurrency"]) == {"group", "cancel-in-progress"}
+
+
+def test_steps_call_make_and_nothing_else() -> None:
+    called = [step["run"] for step in steps() if "run" in step]
+    called += read(ROOT / ".readthedocs.yaml")["build"]["commands"]
+    hooks = [hook for repo in read(ROOT / ".pre-commit-config.yaml")["repos"]
+             for hook in repo["hooks"]]  # fmt: skip
+    called += [hook["entry"] for hook in hooks]
+    assert {command.split()[0] for command in called} == {"make"}
+    assert {command.split()[1] for command in called} <= TARGETS
+    given = {name for command in called for name in re.findall(r" (\w+)=", command)}
+    assert given == {"PY", "BIN", "SITE"}
+    assert all(re.search(rf"^{name} +(\?|:)?=", MAKEFILE, re.MULTILINE) for name in given)
+
+
+def test_actions_of_others_are_pinned_and_ours_are_there() -> None:
+    used = [step["uses"] for step in steps() if "uses" in step]
+    for action in used:
+        if action.startswith("./"):
+            assert (ROOT / action / "action.yml").is_file(), action
+        else:
+            assert PINNED.fullmatch(action), action
+    assert any(action.startswith("actions/setup-python@") for action in used)
+
+
+@pytest.mark.parametrize("name", ["tests", "wheel"])
+def test_workflows_run_the_pythons_that_the_metadata_names(name: str) -> None:
+    classifiers = " ".join(SETTINGS["project"]["classifiers"])
+    assert pythons(name) == set(re.findall(r"Python :: (3\.\d+)", classifiers))
+
+
+def test_systems_that_are_not_promised_may_fail() -> None:
+    others = jobs("tests")["others"]
+    assert others["continue-on-error"] == "true"
+    systems = {entry["system"] for entry in others["strategy"]["matrix"]["include"]}
+    assert systems == {"macos-latest", "windows-latest"}
+    assert "continue-on-error" not in jobs("tests")["linux"]
+
+
+def test_only_a_published_release_goes_to_the_index() -> None:
+    release = read(WORKFLOWS["release"])
+    assert release["on"] == {"release": {"types": ["published"]}}
+    trusted = {name: job.get("permissions") for name, job in release["jobs"].items()}
+    assert trusted == {"build": None, "publish": {"id-token": "write"}}
+
+
+@pytest.mark.parametrize("name", ["bug", "wish"])
+def test_a_template_of_issues_asks_questions(name: str) -> None:
+    template = read(HOSTED / "ISSUE_TEMPLATE" / f"{name}.yml")
+    assert template["name"] and template["description"]
+    for part in template["body"]:
+        assert part["type"] == "textarea" and part["id"] and part["attributes"]["label"]
+
+
+def test_hosts_find_the_pages_that_they_look_for() -> None:
+    for name in ("CODE_OF_CONDUCT.md", "SECURITY.md", "CONTRIBUTING.md", "CITATION.cff"):
+        assert (ROOT / name).is_file()
+    assert (HOSTED / "pull_request_template.md").is_file()
