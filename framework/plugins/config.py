@@ -16,9 +16,11 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from ..values.errors import WideberthError, short
+from .deprecated import current
 from .io import check_target, expanded, read_json, write_json
 from .registry import (
     choices,
+    class_path,
     load,
     name_of,
     recipe,
@@ -150,6 +152,7 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     if not dataclasses.is_dataclass(found):
         raise WideberthError(f"{_at(path)}{found.__qualname__} is not a dataclass")
     fields = {field.name: field for field in dataclasses.fields(found) if field.init}
+    settings = _present(found, fields, settings, path)
     for key in settings:
         if key not in fields:
             none = f"unknown key {short(key)}: {found.__qualname__} takes no keys"
@@ -173,6 +176,25 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     except Exception as error:  # a plug-in may fail in any way
         what = f"{found.__qualname__} cannot be made ({type(error).__name__}: {error})"
         raise WideberthError(f"{_at(path)}{what}") from error
+
+
+def _present(
+    found: type, fields: Iterable[str], settings: Mapping[str, Any], path: str
+) -> dict[str, Any]:
+    """Return settings under the present names of their keys.
+
+    Raises
+    ------
+    WideberthError : a key stands there under its former name too.
+    """
+    where = class_path(found)
+    named = {key: key if key in fields else current(where, key) for key in settings}
+    for key, now in named.items():
+        if now != key and now in settings:
+            raise WideberthError(
+                f"{_at(_join(path, key))}{key!r} is {now!r} now; give one of them"
+            )
+    return {now: settings[key] for key, now in named.items()}
 
 
 def _check_default(found: type, field: "dataclasses.Field[Any]", hint: Any, path: str) -> None:

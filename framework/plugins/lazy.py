@@ -11,6 +11,7 @@ from pkgutil import iter_modules
 from typing import Any
 
 from ..values.errors import nearest
+from .deprecated import current
 
 PACKAGES: dict[str, dict[str, str]] = {}
 """Package -> public name -> "module:Name", or "module" for a package inside."""
@@ -35,6 +36,8 @@ def lazy(
         if name in table:
             module, _, inside = table[name].partition(":")
             return getattr(import_module(module), inside) if inside else import_module(module)
+        if (now := current(package, name)) != name:
+            return find(now)
         hint = "" if name.startswith("_") else _hint(package, name)
         raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from ..values.errors import WideberthError, nearest, short
+from .deprecated import current
 
 P = TypeVar("P")
 
@@ -148,6 +149,8 @@ def load(room: str, target: str) -> type[Any]:
         found = _imported(_built_in(room)[target])
     elif target in (installed := _installed(room)):
         found = _entered(room, installed[target])
+    elif (now := current(room, target)) != target:
+        return load(room, now)
     else:
         advice = (
             "; 'module:Class' names any other class, and `plugins: [module]` in a config imports "
