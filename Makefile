@@ -16,7 +16,7 @@ LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --
   --no-header -q
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test ros style lint types docs bench acados core fuzz mutants figures wheel pictures graph lock
+.PHONY: help demo test ros style lint types promise docs bench acados core fuzz mutants figures wheel pictures graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -55,6 +55,9 @@ lint: style             ## check style and types
 
 types: .venv/ready      ## write what editors read of packages that import their names late
 	$(BIN)/python -m wideberth.tests.house.stubs
+
+promise: .venv/ready    ## write what versions promise, docs/promise.yaml
+	$(BIN)/python -m wideberth.tests.house.promise
 
 docs: .venv/ready       ## build the site into docs/_build/html, warnings as errors
 	$(BIN)/codespell

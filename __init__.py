@@ -1,4 +1,7 @@
-"""Wide berth: robot motion planning around moving obstacles with uncertain futures."""
+"""Wide berth: robot motion planning around moving obstacles with uncertain futures.
+
+What a version promises to keep stands in docs/promise.md; what is not listed there may change.
+"""
 
 from importlib import import_module
 

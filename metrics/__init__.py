@@ -1,1 +1,4 @@
-"""Measures of forecasts, plans and episodes, each defined once."""
+"""Measures of forecasts, plans and episodes, each defined once.
+
+Its modules are not promised, see docs/promise.md.
+"""

@@ -1,1 +1,4 @@
-"""Nav2's local controllers, and the loop that they run in."""
+"""Nav2's local controllers, and the loop that they run in.
+
+Its modules are not promised, see docs/promise.md.
+"""

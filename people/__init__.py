@@ -1,1 +1,4 @@
-"""Models of people: how a person walks next, in simulations and in forecasts."""
+"""Models of people: how a person walks next, in simulations and in forecasts.
+
+Its modules are not promised, see docs/promise.md.
+"""

@@ -1,1 +1,4 @@
-"""Perception: what a robot concludes from its sensors, one group of files per question."""
+"""Perception: what a robot concludes from its sensors, one group of files per question.
+
+Its modules are not promised, see docs/promise.md.
+"""

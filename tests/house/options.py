@@ -50,12 +50,16 @@ def plugins() -> dict[type, tuple[str, str]]:
     }
 
 
+def others() -> list[type]:
+    """Return the classes of `SETTINGS`."""
+    modules = (target.partition(":") for target in SETTINGS)
+    return [getattr(import_module(f"wideberth.{module}"), name) for module, _, name in modules]
+
+
 @cache
 def kinds() -> Kinds:
     """Return the classes that have options: the plug-ins, and what their fields hold."""
-    modules = (target.partition(":") for target in SETTINGS)
-    todo = [getattr(import_module(f"wideberth.{module}"), name) for module, _, name in modules]
-    todo += plugins()
+    todo = [*others(), *plugins()]
     reached: set[type] = set()
     while todo:
         kind = todo.pop()

@@ -34,8 +34,6 @@ PAGES = [
 ]
 CODE = {*PACKAGE, *(ROOT / "benchmarks").glob("*.py")}
 TEXTS = sorted([*PACKAGE, *AROUND, *PAGES, *ROOT.glob("*.md"), ROOT / "pyproject.toml"])
-FORMER = {ROOT / "framework" / "plugins" / "moved.py"}
-"""Speaks of former names."""
 OTHERS = {
     "wideberth.controllers.NAME",  # of a logger
     "animation.writer",  # of matplotlib
@@ -203,7 +201,6 @@ def test_what_is_named_is_there() -> None:
     found = [
         f"{path.relative_to(ROOT)}:{line}: {name}"
         for path in TEXTS
-        if path not in FORMER
         for line, text in words(path)
         for name in dead(text, path in CODE)
     ]

@@ -1,0 +1,77 @@
+"""docs/promise.yaml is what the code has, and the page about it explains each part."""
+
+import re
+from importlib import import_module
+
+import pytest
+import yaml
+
+from wideberth.framework.plugins.lazy import PACKAGES
+from wideberth.tests.house.promise import PLACE, lines, promised, text
+from wideberth.tests.house.stubs import FACES
+from wideberth.tests.house.test_imports import ROOMS, ROOT
+
+PAGE = (ROOT / "docs" / "promise.md").read_text(encoding="utf-8")
+OPEN = "Its modules are not promised, see docs/promise.md"
+"""What a room says that offers no names itself."""
+
+
+def test_what_is_promised_is_there_and_what_is_there_is_promised() -> None:
+    stored, found = {*lines(yaml.safe_load(PLACE.read_text("utf-8")))}, {*lines(promised())}
+    gone = sorted(stored - found)
+    assert not gone, (
+        "these are promised: keep them, or give them a former name (CONTRIBUTING.md, Promises); "
+        f"before the first release, or in a new major version, run `make promise`: {gone}"
+    )
+    new = sorted(found - stored)
+    assert not new, f"these would be promised from now on: run `make promise`, or hide them: {new}"
+
+
+def test_the_file_is_what_make_promise_writes() -> None:
+    assert PLACE.read_text(encoding="utf-8") == text()
+
+
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [
+        ("names: wideberth: Plan: reason", "a field of a value"),
+        ("names: wideberth: build: room", "a parameter of a function"),
+        ("names: wideberth.predictors: Kalman", "a name of a room"),
+        ("names: wideberth.framework.region: Constraint: inequalities", "what a guide imports"),
+        ("plug-ins: predictors: kalman: speed", "a key of a plug-in"),
+        ("plug-ins: controllers: recommended", "a recipe"),
+        ("settings: Fallback: rungs", "a key below a plug-in"),
+        ("configs: crossing", "a shipped config"),
+        ("commands: run: --set", "an option of a command"),
+        ("columns: Outcome: collisions", "a column"),
+        ("files: summary.csv", "a file"),
+        ("formats: plugin: 1", "a format"),
+        ("extras: test", "an extra"),
+    ],
+)
+def test_each_kind_of_promise_is_compared(line: str, kind: str) -> None:
+    assert line in {*lines(yaml.safe_load(PLACE.read_text(encoding="utf-8")))}, kind
+
+
+@pytest.mark.parametrize("package", FACES)
+def test_every_public_name_is_promised(package: str) -> None:
+    modules = yaml.safe_load(PLACE.read_text(encoding="utf-8"))["names"]
+    assert {*import_module(package).__all__} <= {*modules[package]}
+
+
+def test_the_page_explains_every_kind() -> None:
+    kinds = yaml.safe_load(PLACE.read_text(encoding="utf-8"))
+    assert re.findall(r"^\| `([\w-]+)` \|", PAGE, re.MULTILINE) == [*kinds]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_offers_names_or_says_that_it_promises_none(room: str) -> None:
+    package = import_module(f"wideberth.{room}")
+    offers = f"wideberth.{room}" in PACKAGES
+    assert (OPEN in " ".join((package.__doc__ or "").split())) != offers
+
+
+def test_promises_are_listed_one_by_one() -> None:
+    assert [*lines({"a": {"b": ["c", "d"], "e": 1}})] == [
+        *("a", "a: b", "a: b: c", "a: b: d", "a: e: 1")
+    ]
