@@ -5,6 +5,9 @@ split at underscores and capitals.
 """
 
 import re
+import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -83,3 +86,15 @@ def test_parts_of_names_count_and_parts_of_words_do_not(text: str, words: list[s
 
 def test_lines_are_counted_from_one() -> None:
     assert list(refused("a\nhe tells\n")) == [(2, "tells")]
+
+
+def test_make_docs_finds_a_misspelt_word(tmp_path: Path) -> None:
+    """With our settings the speller reads folders, and skips those that are not ours."""
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    for folder in ("docs", "framework", "docs/auto", "build"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "page.md").write_text("They recieve it.\n")
+    done = subprocess.run([sys.executable, "-m", "codespell_lib"], cwd=tmp_path,
+                          capture_output=True, text=True)  # fmt: skip
+    found = {line.partition(":")[0] for line in done.stdout.splitlines()}
+    assert found == {"./docs/page.md", "./framework/page.md"}
