@@ -3,6 +3,7 @@
 import os
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -17,6 +18,8 @@ project = "wideberth"
 author = "the authors of wideberth"
 copyright = author
 release = version = wideberth.__version__
+SETTINGS = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+ADDRESSES = SETTINGS["project"]["urls"]
 
 extensions = [
     "myst_parser",
@@ -43,13 +46,36 @@ default_role = None
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 
+DESCRIPTION = "Plan robot motion among people and other robots whose future is uncertain."
+myst_html_meta = {
+    "description": DESCRIPTION,
+    "property=og:title": project,
+    "property=og:type": "website",
+    "property=og:description": DESCRIPTION,
+    "property=og:image": f"{ADDRESSES['Documentation']}/en/latest/_static/plan.png",
+    "name=twitter:card": "summary_large_image",
+}
+
 html_theme = "pydata_sphinx_theme"
 html_title = "wideberth"
-html_static_path = ["_static"]
+html_static_path = ["_static", "auto/first/plan.png"]
+html_favicon = "_static/logo.svg"
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
+    "logo": {
+        "text": f"{project} {release}",
+        "image_light": "_static/logo.svg",
+        "image_dark": "_static/logo.svg",
+    },
+    "icon_links": [
+        {
+            "name": "Repository",
+            "url": ADDRESSES["Source"],
+            "icon": "fa-brands fa-github",
+        }
+    ],
     "show_prev_next": False,
     "navigation_with_keys": False,
     "footer_start": [],
@@ -83,6 +109,7 @@ reference.write(HERE / "auto" / "reference", GROUPS)
 repository.write(HERE / "auto", sorted(HERE.glob("*.md")))
 repository.forget(HERE / "auto")
 examples.draw(HERE / "auto" / "examples")
+examples.draw_first(HERE / "auto" / "first")
 ARRAY = re.compile(r"(?:numpy\.|~)*ndarray\[[^()]*?dtype\[[^\]]*\]\]")
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 ROW = re.compile(r"^\| \[(?P<name>\w+)\.py\]\([^)]*\) \| (?P<text>.+?) \|$", re.MULTILINE)
+FIRST = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 TABLE = re.compile(r"^\| Script \|.*\n\| --- .*\n(?:\|.*\n?)+", re.MULTILINE)
 
 
@@ -21,6 +22,18 @@ def draw(folder: Path) -> None:
     with ThreadPoolExecutor(2) as pool:
         for _ in pool.map(lambda script: run(script, folder), stale):
             pass
+
+
+def draw_first(folder: Path) -> None:
+    """Run the README's first script, as `plan.py` of the folder, where that has changed."""
+    block = FIRST.search((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert block is not None
+    script = folder / "plan.py"
+    if not script.exists() or script.read_text(encoding="utf-8") != block[1]:
+        folder.mkdir(parents=True, exist_ok=True)
+        script.write_text(block[1], encoding="utf-8")
+    if not fresh(folder / "plan.png", script):
+        run(script, folder)
 
 
 def fresh(picture: Path, script: Path) -> bool:

@@ -10,6 +10,11 @@ from wideberth import Polygon, Region
 from wideberth.regions import MahalanobisEllipse
 
 ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+INCLUDED = re.compile(
+    r"^```{include} \.\./README\.md\n:start-after: (?P<first>.+)\n:end-before: (?P<last>.+)\n```$",
+    re.MULTILINE,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -92,3 +97,36 @@ def test_headings_are_smaller_the_deeper_on_any_screen() -> None:
     for sizes in (wide, wide | changed):
         found = [float(sizes[f"h{depth}"]) for depth in range(1, 7)]
         assert found == sorted(set(found), reverse=True)
+
+
+def included(page: str) -> list[str]:
+    """Return the parts of the README that a page shows."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    parts = []
+    for match in INCLUDED.finditer(text):
+        (found,) = README.split(match["first"].strip('"') + "\n")[1:]
+        part, *rest = found.split(match["last"].strip('"'))
+        assert rest
+        parts.append(part)
+    return parts
+
+
+def test_the_first_page_has_film_installation_script_and_cards() -> None:
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    (script,) = included("index.md")
+    assert script.count("```python\n") == 1 and "draw.plan(" in script
+    wanted = ("{image} figures/episode.gif", "pip install wideberth\n", "{include}",
+              "{image} auto/first/plan.png", "## What you can do", "## What was measured")  # fmt: skip
+    places = [text.index(one) for one in wanted]
+    assert places == sorted(places)
+    assert 3 <= text[places[-2] : places[-1]].count("{grid-item-card}") <= 6
+
+
+def test_numbers_on_the_first_page_were_measured() -> None:
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    measured = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")
+    section = re.sub(r"\]\([^)]*\)", "", text[text.index("## What was measured") :])
+    cards = re.findall(r"^:::\{grid-item-card\} (.*?)^:::$", section, re.DOTALL | re.MULTILINE)
+    assert len(cards) >= 3
+    for number in re.findall(r"\d[\d.]*\d|\d", "\n".join(cards)):
+        assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.]*\d)", measured), number
