@@ -10,7 +10,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-from _site import docstrings, examples, reference, repository  # noqa: E402
+from _site import docstrings, examples, gallery, reference, repository  # noqa: E402
 
 import wideberth  # noqa: E402
 
@@ -110,14 +110,17 @@ repository.write(HERE / "auto", sorted(HERE.glob("*.md")))
 repository.forget(HERE / "auto")
 examples.draw(HERE / "auto" / "examples")
 examples.draw_first(HERE / "auto" / "first")
+gallery.write(HERE / "auto" / "pictures")
 ARRAY = re.compile(r"(?:numpy\.|~)*ndarray\[[^()]*?dtype\[[^\]]*\]\]")
 
 
 def read(app, name, source):
-    """Turn links to files into links between pages."""
+    """Turn links to files into links between pages; write cards, and links to notebooks."""
     if not name.startswith("auto/"):
         text = examples.with_pictures(source[0]) if name == "examples" else source[0]
         source[0] = repository.linked(text, Path("docs"), name)
+    elif name == "auto/gallery/index":
+        source[0] = gallery.index(source[0].partition(".. raw:: html")[0])
 
 
 def process_docstring(app, what, name, found, options, lines):
@@ -140,7 +143,8 @@ def leave_aliases(app, environment, node, shown):
 
 
 def setup(app):
-    """Connect the functions above."""
+    """Connect the functions above; thumbnails are drawn after sphinx-gallery ran its scripts."""
+    app.connect("builder-inited", lambda app: gallery.draw_thumbnails(), priority=900)
     app.connect("source-read", read)
     app.connect("missing-reference", leave_aliases)
     app.connect("autodoc-process-docstring", process_docstring)

@@ -1,10 +1,15 @@
-"""Draw the film of the README and the pictures of two pages: `make pictures` writes them."""
+"""Draw the film of the README and the pictures of pages and gallery: `make pictures` writes them.
+
+`python docs/draw_pictures.py NAME ...` draws only these pictures of the gallery.
+"""
 
 import io
+import sys
 from pathlib import Path
 
 import matplotlib
 import numpy as np
+from _site import gallery
 from PIL import Image
 
 import wideberth
@@ -254,6 +259,9 @@ def enlarged(panel, shape: tuple[float, ...]) -> None:
 
 
 if __name__ == "__main__":
+    gallery.draw(sys.argv[1:])
+    if sys.argv[1:]:
+        sys.exit()
     planner, episode = drive()
     FOLDER.mkdir(exist_ok=True)
     route(FOLDER / "routes.png")

@@ -115,8 +115,14 @@ def test_the_first_page_has_film_installation_script_and_cards() -> None:
     text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     (script,) = included("index.md")
     assert script.count("```python\n") == 1 and "draw.plan(" in script
-    wanted = ("{image} figures/episode.gif", "pip install wideberth\n", "{include}",
-              "{image} auto/first/plan.png", "## What you can do", "## What was measured")  # fmt: skip
+    wanted = (
+        "{image} figures/episode.gif",
+        "pip install wideberth\n",
+        "{include}",
+        "{image} auto/first/plan.png",
+        "## What you can do",
+        "## What was measured",
+    )
     places = [text.index(one) for one in wanted]
     assert places == sorted(places)
     assert 3 <= text[places[-2] : places[-1]].count("{grid-item-card}") <= 6
