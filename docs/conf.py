@@ -10,7 +10,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-from _site import docstrings, examples, gallery, reference, repository  # noqa: E402
+from _site import docstrings, examples, gallery, reference, repository, tutorials  # noqa: E402
 
 import wideberth  # noqa: E402
 
@@ -92,6 +92,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_signature": False,
+    "first_notebook_cell": tutorials.INSTALLATION,
     "remove_config_comments": True,
     "write_computation_times": False,  # its page would fetch scripts
     "plot_gallery": "True",
@@ -121,6 +122,8 @@ def read(app, name, source):
         source[0] = repository.linked(text, Path("docs"), name)
     elif name == "auto/gallery/index":
         source[0] = gallery.index(source[0].partition(".. raw:: html")[0])
+    elif name.startswith("auto/tutorials/") and name != "auto/tutorials/index":
+        source[0] = tutorials.with_notebook(source[0], name.rpartition("/")[2])
 
 
 def process_docstring(app, what, name, found, options, lines):
