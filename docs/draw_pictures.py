@@ -13,15 +13,11 @@ from _site import gallery
 from PIL import Image
 
 import wideberth
-from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid, draw
-from wideberth.draw.shapes import ellipses
-from wideberth.framework.values.sensing import Scan
+from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid, convex_polygons, draw
+from wideberth.draw import ellipses
+from wideberth.framework import Scan
 from wideberth.routes import NavFn, SmoothedRoutes
-from wideberth.routes.polygons import convex_polygons
-from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent
-from wideberth.simulation.engine.episode import run_episode
-from wideberth.simulation.engine.settings import Settings
-from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation import Episode, RobotAgent, ScriptedAgent, Settings, run_episode
 from wideberth.tests.helpers.driven import driven, in_order, instant, room, scans
 from wideberth.tests.oracles.ray_casting import box_corners, scan_of
 

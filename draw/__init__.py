@@ -15,5 +15,8 @@ __getattr__, __dir__, __all__ = lazy(
         f"{__name__}.maps:path",
         f"{__name__}.maps:polygon",
         f"{__name__}.plans:plan",
+        f"{__name__}.shapes:ellipses",
+        f"{__name__}.style:COLOURS",
+        f"{__name__}.style:paper_style",
     ],
 )

@@ -8,4 +8,7 @@ from .maps import grid as grid
 from .maps import path as path
 from .maps import polygon as polygon
 from .plans import plan as plan
-__all__ = ['forecast', 'grid', 'path', 'plan', 'polygon', 'region']
+from .shapes import ellipses as ellipses
+from .style import COLOURS as COLOURS
+from .style import paper_style as paper_style
+__all__ = ['COLOURS', 'ellipses', 'forecast', 'grid', 'paper_style', 'path', 'plan', 'polygon', 'region']

@@ -12,8 +12,7 @@ import gymnasium
 import matplotlib.pyplot as plt
 import numpy as np
 
-import wideberth.simulation.gym.environment as navigation
-
+WORLD = "wideberth.simulation.gym:wideberth/Navigation-v0"  # package that registers it : name
 ROBOT_RADIUS = 0.3  # m
 NEAREST = 0.05  # m, the push does not grow below this clearance
 SCENARIO = {"type": "crossing_field", "walkers": 8, "reach": 5.0}
@@ -87,7 +86,7 @@ def draw(tried, rewards, file):
 
 def learn(tries=6, learning=range(3), testing=range(3, 9)):
     """Search on some seeds, and report the reward on others."""
-    environment = gymnasium.make(navigation.ID, scenario=SCENARIO, robot=ROBOT)
+    environment = gymnasium.make(WORLD, scenario=SCENARIO, robot=ROBOT)
     tried, rewards = random_search(environment, tries, learning)
     best = tried[int(np.argmax(rewards))]
     for name, weights in (("straight to the goal", STRAIGHT), ("learnt", best)):

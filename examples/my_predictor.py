@@ -12,8 +12,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from wideberth import Forecast, Predictor, Scene, Tracks, register
-from wideberth.framework.testing import check_predictor
-from wideberth.predictors.kalman import Kalman
+from wideberth.framework import check_predictor
+from wideberth.predictors import Kalman
 
 DT = 0.4  # s, between two samples of the track
 SEEN = 9  # samples

@@ -12,11 +12,16 @@ import casadi
 import matplotlib.pyplot as plt
 import numpy as np
 
-from wideberth import GaussianObstacle, build, register
-from wideberth.framework.region import Constraint, Guarantee, Region, Relation
-from wideberth.framework.testing import check_region
-from wideberth.framework.values.arrays import Array, BoolArray, Scalar
-from wideberth.framework.values.motion import Pose
+from wideberth import GaussianObstacle, Pose, Region, build, register
+from wideberth.framework import (
+    Array,
+    BoolArray,
+    Constraint,
+    Guarantee,
+    Relation,
+    Scalar,
+    check_region,
+)
 
 SMALL = 1e-9  # m or m^2, keeps logarithm and quotient finite for a point
 

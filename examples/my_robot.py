@@ -12,11 +12,8 @@ from typing import ClassVar, final
 import matplotlib.pyplot as plt
 import numpy as np
 
-from wideberth import Detection, Observation, Path, build, register
-from wideberth.framework.robot import Bounds, Quantity, Robot
-from wideberth.framework.testing import check_robot
-from wideberth.framework.values.arrays import Scalar
-from wideberth.framework.values.motion import Pose, Twist
+from wideberth import Detection, Observation, Path, Pose, Robot, Twist, build, register
+from wideberth.framework import Bounds, Quantity, Scalar, check_robot
 
 
 @register("robots", "cart")

@@ -11,9 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from wideberth import Detection, Observation, Path, Twist, build
-from wideberth.framework.mpc.planner.rollout import steer
-from wideberth.framework.mpc.planner.rungs import FallbackRung, NotHeld
-from wideberth.framework.mpc.solver import Solver
+from wideberth.framework import FallbackRung, NotHeld, Solver, steer
 
 START = (0.0, 0.0, 0.0, 0.6, 0.0)  # x, y in m, heading in rad, speed in m/s, yaw rate in rad/s
 PERSON = (6.5, 0.3)  # m

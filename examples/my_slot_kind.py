@@ -15,29 +15,36 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.special import ndtr
 
-from wideberth import Detection, Observation, Path, build, register
-from wideberth.framework.mpc.levels.base import LevelPolicy, Promise
-from wideberth.framework.mpc.ocp.bodies import Body, BodyPath, bodies, body_starts
-from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
-from wideberth.framework.mpc.ocp.stage import Frame, slots
-from wideberth.framework.mpc.slots.base import (
+from wideberth import Detection, Observation, Path, Pose, Robot, build, register
+from wideberth.framework import (
+    LIGHT,
+    Array,
+    Auxiliary,
+    Body,
+    BodyPath,
+    Constraint,
+    Frame,
     KnownObstacles,
     LevelledKind,
+    LevelPolicy,
     PlanningContext,
+    Promise,
+    Scalar,
     SlotAssignment,
+    SlotNumbers,
+    Slots,
     SlotSizes,
     Touch,
+    active_slots,
+    best_direction,
+    bodies,
+    body_starts,
+    check_slot_kind,
+    deviations,
     next_capacity,
-    used,
+    separation,
+    slots_of,
 )
-from wideberth.framework.mpc.slots.static_polygons import deviations
-from wideberth.framework.region import Auxiliary, Constraint
-from wideberth.framework.robot import Robot
-from wideberth.framework.testing import check_slot_kind
-from wideberth.framework.values.arrays import Array, Scalar
-from wideberth.framework.values.forecast import LIGHT
-from wideberth.framework.values.motion import Pose
-from wideberth.framework.values.polygon import best_direction, separation
 
 TINY = 1e-4  # m, gives the root of the variance a slope where the variance is zero
 PLACE = 0.1  # m, on which the price of a turned line is felt
@@ -84,7 +91,7 @@ class Carts(LevelledKind):
         angle = Auxiliary((-np.inf,), (np.inf,), (0.0,), regularisation=1e-5)
         width = 2 * self.corners + 4
         body = self.bodies(frame.robot)
-        return slots(self.name, count, width, angle, body, self._state, frame, levelled=True)
+        return slots_of(self.name, count, width, angle, body, self._state, frame, levelled=True)
 
     def _state(self, pose: Pose, numbers: Scalar, level: Scalar, angle: Scalar) -> Constraint:
         """One inequality for each pair of corners, in units of 1 m."""
@@ -159,7 +166,9 @@ class Carts(LevelledKind):
         ]
         numbers[:, :count, -1] = margin
         levels = self.levels(level, steps, capacity, 2)
-        return SlotNumbers(numbers, used(count, capacity), np.zeros((steps, capacity, 0)), levels)
+        return SlotNumbers(
+            numbers, active_slots(count, capacity), np.zeros((steps, capacity, 0)), levels
+        )
 
     def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
         """Angle of the line that leaves most room between body and cart."""

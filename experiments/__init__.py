@@ -2,3 +2,16 @@
 
 Its modules are not promised, see docs/promise.md.
 """
+
+from ..framework.plugins.lazy import lazy, targets_in
+
+_NAMES = {
+    "drawing.plotting": "subplots",
+    "engine.base": "Experiment Result Row Task TaskOutcome",
+    "engine.extract": "extract latex_text markdown_text",
+    "engine.result": "open_result",
+    "studies.grid": "GridStudy reduced",
+}
+"""Module -> its public names, which are imported on first use."""
+
+__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))

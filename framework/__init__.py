@@ -1,34 +1,58 @@
 """What everything plugs into: values, interfaces, registry, config; imports no other room."""
 
-from .plugins.lazy import lazy
+from .plugins.lazy import lazy, targets_in
 
 _NAMES = {
-    "plugins.config": "build describe load_plugin read_config save_plugin",
+    "calibration": "Calibration MomentCalibration fewest_ranks largest moments rank_quantile",
     "controller": "Controller",
+    "detector": "Detector",
+    "mpc.costs.base": "Cost",
+    "mpc.levels.base": "LevelPolicy Promise level_of",
+    "mpc.ocp.bodies": "Body BodyPath bodies body_starts",
+    "mpc.ocp.problem": "SlotNumbers Slots",
+    "mpc.ocp.stage": "Frame slots_of",
     "mpc.planner.recommended": "recommended",
+    "mpc.planner.rollout": "steer",
+    "mpc.planner.rungs": "FallbackRung NotHeld",
+    "mpc.slots.base": """
+        KnownObstacles LevelledKind PlanningContext SlotAssignment SlotKind SlotSizes Touch
+        active_slots next_capacity
+    """,
+    "mpc.slots.static_polygons": "deviations",
+    "mpc.solver": "Solver on_time refuse_misfits solve_many",
+    "plugins.config": "build describe load_plugin read_config save_plugin",
+    "plugins.registry": "load names register",
+    "predictor": "Adaptive Fittable Predictor",
+    "region": "Auxiliary Constraint Guarantee Region Relation",
+    "risk.collision_probability": "collision_probability",
+    "robot": "Bounds Quantity Robot",
+    "route_planner": "Route RoutePlanner",
+    "state_estimator": "StateEstimator",
+    "static_region": "StaticRegion",
+    "testing": """
+        check_calibration check_controller check_cost check_detector check_level check_predictor
+        check_region check_robot check_route_planner check_scenario check_slot_kind check_solver
+        check_state_estimator check_static_region check_tracker
+    """,
+    "tracker": "Tracker",
+    "tracking.recordings": "read_tracks",
+    "tracking.resampling": "resampled_tracks",
+    "tracking.windows": "Windows cut_windows windows_of",
+    "values.arrays": "Array BoolArray Scalar",
     "values.costmap": "Costmap",
+    "values.coverage": "Coverage Event",
     "values.errors": "WideberthError",
     "values.footprint": "Discs Outline",
-    "values.forecast": "Forecast GaussianObstacle Scene",
+    "values.forecast": "LIGHT Forecast GaussianObstacle Scene",
     "values.motion": "Command Detection Observation Pose Twist",
     "values.occupancy_grid": "OccupancyGrid",
     "values.path": "Path",
-    "values.plan": "Plan",
-    "values.polygon": "Polygon",
-    "values.walls": "walls_around walls_of_segments walls_of_shapes",
-    "predictor": "Adaptive Fittable Predictor",
-    "region": "Region",
-    "plugins.registry": "load names register",
-    "tracking.resampling": "resampled_tracks",
-    "robot": "Robot",
-    "route_planner": "Route RoutePlanner",
-    "static_region": "StaticRegion",
+    "values.plan": "Plan Status",
+    "values.polygon": "Polygon best_direction separation",
+    "values.sensing": "InertialSample Scan Sightings WheelSample",
     "values.tracks": "Tracks",
-    "tracking.windows": "Windows cut_windows",
+    "values.walls": "box walls_around walls_of_segments walls_of_shapes",
 }
 """Module -> its public names, which are imported on first use."""
 
-__getattr__, __dir__, __all__ = lazy(
-    __name__,
-    [f"{__name__}.{module}:{name}" for module, names in _NAMES.items() for name in names.split()],
-)
+__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))

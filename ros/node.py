@@ -26,7 +26,7 @@ from ..framework.values.path import Path
 from ..framework.values.plan import Plan
 from ..framework.values.polygon import separation
 from ..framework.values.sensing import MotionEstimate, Scan
-from ..perception.own_state import own_state
+from ..perception.observed_state import own_state
 from .command_topic import CommandTopic
 from .decoding import (
     DecodedMessage,

@@ -8,4 +8,15 @@ BUILT_IN: dict[str, str] = {
 }
 """Name -> where the class is."""
 
-__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())
+__getattr__, __dir__, __all__ = lazy(
+    __name__,
+    [
+        *BUILT_IN.values(),
+        "wideberth.routes.inflation:Inflation",
+        "wideberth.routes.map_file:read_map",
+        "wideberth.routes.polygons:convex_polygons",
+        "wideberth.routes.polygons:grid_of_polygons",
+        "wideberth.routes.replanning:Replanning",
+        "wideberth.routes.rerouting:Rerouting",
+    ],
+)

@@ -2,3 +2,24 @@
 
 Its modules are not promised, see docs/promise.md.
 """
+
+from ..framework.plugins.lazy import lazy, targets_in
+
+_NAMES = {
+    "crowds.base": "Crowd",
+    "engine.agents": "RobotAgent ScriptedAgent",
+    "engine.episode": "run_episode",
+    "engine.settings": "Settings",
+    "log.episode_log": "Episode",
+    "physics.body": "LARGE SkidSteerBody",
+    "physics.film": "film",
+    "physics.scene": "PhysicalPerson PhysicalRobot PhysicalScene",
+    "physics.sensors": "InertialUnit Lidar WheelEncoders",
+    "physics.slip": "slip_of",
+    "physics.world": "PhysicsWorld",
+    "scenarios.base": "Placement Range Scenario checked_range draw_value",
+    "scenarios.placing": "draw_place",
+}
+"""Module -> its public names, which are imported on first use."""
+
+__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))

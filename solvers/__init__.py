@@ -9,4 +9,6 @@ BUILT_IN = {
     "riccati_live": "wideberth.solvers.riccati.live:RiccatiLive",
 }
 
-__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())
+__getattr__, __dir__, __all__ = lazy(
+    __name__, [*BUILT_IN.values(), "wideberth.solvers.casadi_program"]
+)

@@ -2,6 +2,7 @@
 # ruff: noqa
 # fmt: off
 
+from . import casadi_program as casadi_program
 from .fatrop import Fatrop as Fatrop
 from .ipopt import Ipopt as Ipopt
 from .riccati.live import RiccatiLive as RiccatiLive

@@ -7,8 +7,7 @@ This planner takes its forecasts as certain, and touches a person. ``episode.ani
 """
 
 from wideberth import build
-from wideberth.simulation.engine.episode import run_episode
-from wideberth.simulation.engine.settings import Settings
+from wideberth.simulation import Settings, run_episode
 
 robot = build("robots", {"type": "unicycle", "radius": 0.4})
 planner = build("controllers", {"type": "mpc_constant_velocity", "robot": robot})

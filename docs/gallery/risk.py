@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from wideberth import GaussianObstacle, build
-from wideberth.framework.risk.collision_probability import collision_probability
+from wideberth.framework import collision_probability
 
 covariance = np.array([[1.0, 0.4], [0.4, 0.25]])  # m^2
 radii = 0.75  # m, of both bodies together

@@ -9,9 +9,7 @@ robot needs the room of its turning circle, a holonomic one slides around the co
 import matplotlib.pyplot as plt
 
 from wideberth import Path, build, recommended
-from wideberth.simulation.engine.agents import RobotAgent
-from wideberth.simulation.engine.episode import run_episode
-from wideberth.simulation.engine.settings import Settings
+from wideberth.simulation import RobotAgent, Settings, run_episode
 
 path = Path([(0, 0), (5, 0), (5, 5)])
 figure, ax = plt.subplots(figsize=(5.5, 5), layout="constrained")

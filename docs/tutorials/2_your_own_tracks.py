@@ -23,7 +23,7 @@ people in it, and lets a robot plan among them.
 
 from importlib.resources import files
 
-from wideberth.framework.tracking.recordings import read_tracks
+from wideberth.framework import read_tracks
 
 file = files("wideberth") / "experiments" / "data" / "crowd.txt"
 print("".join(file.read_text().splitlines(keepends=True)[:4]))
@@ -61,7 +61,7 @@ ax.set_title("dots: observed; ellipses: each holds its person with 95 %")
 
 import numpy as np
 
-from wideberth.metrics.scoring import covered, reached_tail
+from wideberth.metrics import covered, reached_tail
 
 mine = [recording.ids.index(name) for name in tracks.ids]
 truth = recording.positions[mine, row + 1 : row + 13]

@@ -49,7 +49,7 @@ class Braking(Predictor):
 # where the origin is, that it copes with a track of one sample, and so on. It says nothing if all hold; otherwise it
 # names the law.
 
-from wideberth.framework.testing import check_predictor
+from wideberth.framework import check_predictor
 
 check_predictor(Braking())
 
@@ -63,7 +63,7 @@ check_predictor(Braking())
 import casadi
 
 from wideberth import Region
-from wideberth.framework.region import Constraint, Guarantee, Relation
+from wideberth.framework import Constraint, Guarantee, Relation
 
 
 @final
@@ -113,7 +113,7 @@ class Disc(Region):
         return float(np.exp(-(level**2) / 2.0))
 
 
-from wideberth.framework.testing import check_region
+from wideberth.framework import check_region
 
 check_region(Disc())
 
@@ -124,7 +124,7 @@ check_region(Disc())
 # functions serve the solver too.
 
 from wideberth import Pose, Robot, Twist
-from wideberth.framework.robot import Bounds, Quantity
+from wideberth.framework import Bounds, Quantity
 
 
 @final
@@ -167,7 +167,7 @@ class Cart(Robot):
         return float(v), float(np.clip(twist.angular, -self.max_yaw_rate, self.max_yaw_rate))
 
 
-from wideberth.framework.testing import check_robot
+from wideberth.framework import check_robot
 
 check_robot(Cart())
 

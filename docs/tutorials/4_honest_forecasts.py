@@ -47,7 +47,7 @@ print(len(windows), "windows")
 # If forecasts are honest, this is so in 95 % of the cases.
 
 from wideberth import build
-from wideberth.metrics.scoring import displacement, reached_tail
+from wideberth.metrics import displacement, reached_tail
 
 predictors = {
     "the paper's var": build("predictors", {"type": "var", "covariance": "paper"}),

@@ -64,7 +64,7 @@ print(table[["controller", "seed", "outcome", "duration", "clearance"]].to_strin
 # For the paper, some columns of the summary as LaTeX. In a shell it is ``wideberth show caution --columns
 # controller,success,collision,clearance_min_m --latex``.
 
-from wideberth.experiments.engine.extract import extract, latex_text
+from wideberth.experiments import extract, latex_text
 
 columns = ["controller", "success", "collision", "clearance_min_m"]
 print(latex_text(extract(folder / "caution", columns)))
@@ -77,7 +77,7 @@ print(latex_text(extract(folder / "caution", columns)))
 
 import matplotlib.pyplot as plt
 
-from wideberth.draw.style import COLOURS, paper_style
+from wideberth.draw import COLOURS, paper_style
 
 with paper_style():
     figure, ax = plt.subplots()

@@ -5,7 +5,7 @@ beside it, which ``make types`` writes from the table.
 """
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
@@ -46,6 +46,19 @@ def lazy(
         return sorted({*own, *table})
 
     return find, listed, public
+
+
+def targets_in(package: str, table: Mapping[str, str]) -> list[str]:
+    """Return "module:Name" for a table of the modules inside a package and their public names.
+
+    Examples
+    --------
+    >>> targets_in("wideberth.metrics", {"episode": "clearance path_length"})
+    ['wideberth.metrics.episode:clearance', 'wideberth.metrics.episode:path_length']
+    """
+    return [
+        f"{package}.{module}:{name}" for module, names in table.items() for name in names.split()
+    ]
 
 
 def _hint(package: str, name: str) -> str:

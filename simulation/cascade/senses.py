@@ -25,7 +25,7 @@ from ...framework.values.sensing import (
     beams_of,
 )
 from ...perception.handover import Batch, Handover
-from ...perception.own_state import own_state
+from ...perception.observed_state import own_state
 from ...perception.walls import walls_behind
 from ..log.frames import RigidMotion
 from ..log.perception_log import Glance, PerceptionLog, TrueBody, TrueStage, named

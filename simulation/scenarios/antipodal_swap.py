@@ -8,7 +8,7 @@ import numpy as np
 from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 
 ANGLE = (-0.05, 0.05)
 """Range of a_i, rad; drawn for each robot."""
@@ -62,8 +62,8 @@ class AntipodalSwap(Scenario):
         """Draw angle and phase of each robot."""
         placed = []
         for i in range(self.robots):
-            angle = 2.0 * np.pi * i / self.robots + draw(rng, ANGLE)
+            angle = 2.0 * np.pi * i / self.robots + draw_value(rng, ANGLE)
             start = self.radius * np.array([np.cos(angle), np.sin(angle)])
             path = Path(np.stack([start, -start]))
-            placed.append(Placement(f"robot {i + 1}", path, SPEED, draw(rng, PHASE)))
+            placed.append(Placement(f"robot {i + 1}", path, SPEED, draw_value(rng, PHASE)))
         return tuple(placed)

@@ -188,6 +188,6 @@ def checked_range(name: str, value: Range, low: float, high: float = np.inf) -> 
     return first, last
 
 
-def draw(rng: np.random.Generator, bounds: Range) -> float:
+def draw_value(rng: np.random.Generator, bounds: Range) -> float:
     """Draw one value; takes one draw also where the range is a point."""
     return float(bounds[0] + (bounds[1] - bounds[0]) * rng.random())

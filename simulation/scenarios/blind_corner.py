@@ -9,7 +9,7 @@ from ...framework.values.arrays import Array, positive
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..engine.agents import Bystander, ScriptedAgent
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 
 ARM = 9.0
 """m, the length a of both arms."""
@@ -53,9 +53,9 @@ class BlindCorner(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw offsets, lag and phases."""
-        first, second = draw(rng, OFFSET), draw(rng, OFFSET)
-        later = SPEED * draw(rng, LAG)
-        phases = draw(rng, PHASE), draw(rng, PHASE)
+        first, second = draw_value(rng, OFFSET), draw_value(rng, OFFSET)
+        later = SPEED * draw_value(rng, LAG)
+        phases = draw_value(rng, PHASE), draw_value(rng, PHASE)
         inward = self._lane(-first, ARM - max(-later, 0.0), ARM)
         outward = self._lane(second, ARM, ARM + max(later, 0.0))[::-1]
         return (
@@ -68,7 +68,7 @@ class BlindCorner(Scenario):
     ) -> tuple[Bystander, ...]:
         """One pedestrian, who walks on beyond the corridor: no one stands at a robot's goal."""
         way = self._lane(-0.3 * self.width, ARM + 60.0, ARM + 2.0)[::-1]
-        speed = draw(rng, PEDESTRIAN_SPEED)
+        speed = draw_value(rng, PEDESTRIAN_SPEED)
         return (ScriptedAgent("pedestrian", Path(way), speed, PEDESTRIAN_RADIUS),)
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:

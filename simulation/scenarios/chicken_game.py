@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from ...framework.values.path import Path
-from .base import PHASE, Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Range, Scenario, checked_range, draw_value
 
 LAG = (-2.0, 2.0)
 """s, range of l; negative where the right one is ahead."""
@@ -52,10 +52,10 @@ class ChickenGame(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw distance, offset, side, lag and the two phases."""
-        half = 0.5 * draw(rng, self.distance)
-        aside = 0.5 * draw(rng, self.offset) * (1.0 if rng.random() < 0.5 else -1.0)
-        shift = 0.5 * SPEED * draw(rng, LAG)
-        phases = (draw(rng, PHASE), draw(rng, PHASE))
+        half = 0.5 * draw_value(rng, self.distance)
+        aside = 0.5 * draw_value(rng, self.offset) * (1.0 if rng.random() < 0.5 else -1.0)
+        shift = 0.5 * SPEED * draw_value(rng, LAG)
+        phases = (draw_value(rng, PHASE), draw_value(rng, PHASE))
         left = Path(np.array([[shift - half, aside], [half, aside]]))
         right = Path(np.array([[shift + half, -aside], [-half, -aside]]))
         return (

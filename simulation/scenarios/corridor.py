@@ -11,7 +11,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..engine.agents import RobotAgent
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 from .crowd_mix import CrowdMix, mix_of
 from .placing import apart, corridor_walls, draw_place
 
@@ -84,9 +84,9 @@ class Corridor(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw offset and phase."""
-        offset = draw(rng, OFFSET)
+        offset = draw_value(rng, OFFSET)
         way = Path(np.array([[0.0, offset], [LENGTH, offset]]))
-        return (Placement("robot", way, SPEED, draw(rng, PHASE)),)
+        return (Placement("robot", way, SPEED, draw_value(rng, PHASE)),)
 
     def people(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
@@ -95,7 +95,7 @@ class Corridor(Scenario):
         taken = [(placements[0].path.points[0], self.robot_radius)]
         found = []
         for k in range(1, self.persons + 1):
-            radius, speed = draw(rng, PERSON_RADIUS), draw(rng, PERSON_SPEED)
+            radius, speed = draw_value(rng, PERSON_RADIUS), draw_value(rng, PERSON_SPEED)
             place = self._free_place(rng, radius, taken, k)
             taken.append((place, radius))
             way = Path(np.stack([place, place - np.array([2.0 * LENGTH, 0.0])]))
@@ -114,7 +114,7 @@ class Corridor(Scenario):
         side = 0.5 * self.width - radius - SPACE
 
         def place() -> Array:
-            return np.array([LENGTH * draw(rng, START), draw(rng, (-side, side))])
+            return np.array([LENGTH * draw_value(rng, START), draw_value(rng, (-side, side))])
 
         return draw_place(
             place,

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from ...framework.values.path import Path
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 
 DISTANCE = (12.0, 20.0)
 """m, range of d."""
@@ -40,9 +40,9 @@ class Crossing(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw distance, lag and the two phases."""
-        distance = draw(rng, DISTANCE)
-        behind = SPEED * draw(rng, LAG)
-        phases = (draw(rng, PHASE), draw(rng, PHASE))
+        distance = draw_value(rng, DISTANCE)
+        behind = SPEED * draw_value(rng, LAG)
+        phases = (draw_value(rng, PHASE), draw_value(rng, PHASE))
         beyond = distance / np.sqrt(2.0)
         middle = np.sqrt(0.5 * distance**2 - 0.25 * behind**2)
         lower = Path(np.array([[0.0, 0.5 * behind - middle], [0.0, beyond]]))

@@ -10,7 +10,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...metrics.episode import approach
 from ..engine.agents import ScriptedAgent
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 
 ROOM = 0.5
 """m between surfaces that a passer-by leaves to the other passers-by, and to the robots at first
@@ -81,18 +81,18 @@ class Crossing3D(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw reach, lag, azimuth, the two climb angles and the two phases."""
-        reach = draw(rng, REACH)
-        half = 0.5 * SPEED * draw(rng, LAG)
-        azimuths = (0.0, draw(rng, AZIMUTH))
+        reach = draw_value(rng, REACH)
+        half = 0.5 * SPEED * draw_value(rng, LAG)
+        azimuths = (0.0, draw_value(rng, AZIMUTH))
         placements = []
         for name, azimuth, before in zip(
             ("first", "second"), azimuths, (-half, half), strict=True
         ):
-            climb = draw(rng, CLIMB)
+            climb = draw_value(rng, CLIMB)
             flat = np.cos(climb) * np.array([np.cos(azimuth), np.sin(azimuth)])
             along = np.array([*flat, np.sin(climb)])
             path = Path(np.array([-(reach + before) * along, reach * along]))
-            placements.append(Placement(name, path, SPEED, draw(rng, PHASE)))
+            placements.append(Placement(name, path, SPEED, draw_value(rng, PHASE)))
         return tuple(placements)
 
     def bystanders(
@@ -132,8 +132,8 @@ class Crossing3D(Scenario):
 
     def _passer(self, rng: np.random.Generator, target: Placement, name: str) -> ScriptedAgent:
         """Draw a way through the place where the robot would be at some time."""
-        arc = draw(rng, SHARE) * target.path.length
-        speed = draw(rng, PASSER_SPEED)
+        arc = draw_value(rng, SHARE) * target.path.length
+        speed = draw_value(rng, PASSER_SPEED)
         frame, triangle = np.linalg.qr(rng.standard_normal((3, 3)))
         along, *aside = (frame * np.sign(np.diag(triangle))).T  # uniform among all frames
         turns = rng.uniform(0.0, 2.0 * np.pi, 2)

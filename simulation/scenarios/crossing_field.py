@@ -10,7 +10,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...metrics.episode import approach
 from ..engine.agents import ReplayAgent
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 
 ROOM = 0.3
 """m between surfaces that walkers leave to each other, and to the robot at first."""
@@ -76,7 +76,7 @@ class CrossingField(Scenario):
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the phase; the way is the same for every seed."""
         way = Path(np.array([[-self.reach, 0.0], [self.reach, 0.0]]))
-        return (Placement("robot", way, self.speed, draw(rng, PHASE)),)
+        return (Placement("robot", way, self.speed, draw_value(rng, PHASE)),)
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
@@ -106,11 +106,11 @@ class CrossingField(Scenario):
 
     def _way(self, rng: np.random.Generator, times: Array) -> Array:
         """Draw the way of one walker, (T, 2), m."""
-        share, angle = draw(rng, SHARE), draw(rng, (-np.pi, np.pi))
+        share, angle = draw_value(rng, SHARE), draw_value(rng, (-np.pi, np.pi))
         ahead = np.array([np.cos(angle), np.sin(angle)])
         place = np.array([(2.0 * share - 1.0) * self.reach, 0.0])
-        place += draw(rng, ASIDE) * np.array([-ahead[1], ahead[0]])
-        velocity = draw(rng, WALKER_SPEED) * ahead + self._sway(rng, len(times))
+        place += draw_value(rng, ASIDE) * np.array([-ahead[1], ahead[0]])
+        velocity = draw_value(rng, WALKER_SPEED) * ahead + self._sway(rng, len(times))
         way = np.concatenate([np.zeros((1, 2)), np.cumsum(SAMPLE_TIME * velocity[:-1], axis=0)])
         met = int(np.searchsorted(times, 2.0 * share * self.reach / self.speed))
         return np.asarray(way - way[met] + place)

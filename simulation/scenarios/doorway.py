@@ -11,7 +11,7 @@ from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ...framework.values.walls import box
 from ..engine.agents import Bystander, ScriptedAgent
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 
 Oncoming: TypeAlias = Literal["walker", "robot"]
 
@@ -82,12 +82,12 @@ class Doorway(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the way and the phase; of the other robot as well, where there is one."""
-        way, phase = self._way(rng, REACH), draw(rng, PHASE)
+        way, phase = self._way(rng, REACH), draw_value(rng, PHASE)
         robot = Placement("robot", Path(way), SPEED, phase)
         if self.oncoming == "walker":
             return (robot,)
         other = self._oncoming(rng, robot.path, SPEED, REACH)
-        return robot, Placement("oncoming", other, SPEED, draw(rng, PHASE))
+        return robot, Placement("oncoming", other, SPEED, draw_value(rng, PHASE))
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
@@ -95,7 +95,7 @@ class Doorway(Scenario):
         """Draw the walker, where the other one is none of the robots."""
         if self.oncoming == "robot":
             return ()
-        speed = draw(rng, WALKER_SPEED)
+        speed = draw_value(rng, WALKER_SPEED)
         way = self._oncoming(rng, placements[0].path, speed, GONE)
         return (ScriptedAgent("walker", way, speed, WALKER_RADIUS),)
 
@@ -111,11 +111,11 @@ class Doorway(Scenario):
         """Way of the other one, which reaches the door l s after the robot."""
         way = -self._way(rng, REACH)
         way[2] *= end / REACH
-        arrival = path.arc[1] / SPEED + draw(rng, LAG)
+        arrival = path.arc[1] / SPEED + draw_value(rng, LAG)
         way[0] *= speed * arrival / np.hypot(*way[0])
         return Path(way)
 
     def _way(self, rng: np.random.Generator, reach: float) -> Array:
         """Way through the door from the left, (3, 2), m."""
-        first, second = draw(rng, ASIDE), draw(rng, ASIDE)
+        first, second = draw_value(rng, ASIDE), draw_value(rng, ASIDE)
         return np.array([[-reach, first], [0.0, 0.0], [reach, second]])

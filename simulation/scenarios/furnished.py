@@ -15,7 +15,7 @@ from ...framework.values.polygon import Polygon
 from ...routes.inflation import Inflation
 from ...routes.polygons import grid_of_polygons
 from ..engine.agents import Bystander, RobotAgent, ScriptedAgent
-from .base import Placement, Range, Scenario, checked_range, draw
+from .base import Placement, Range, Scenario, checked_range, draw_value
 from .crossing import Crossing
 
 BEYOND = 2.0
@@ -116,8 +116,8 @@ class Furnished(Scenario):
         others = self.scenario.bystanders(rng, placements)
         own = [
             ScriptedAgent(
-                f"walker {i}", Path(np.array(one.way)), draw(rng, one.speed), one.radius,
-                draw(rng, one.start),
+                f"walker {i}", Path(np.array(one.way)), draw_value(rng, one.speed), one.radius,
+                draw_value(rng, one.start),
             )
             for i, one in enumerate(self.walkers, start=1)
         ]  # fmt: skip

@@ -10,7 +10,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..engine.agents import Bystander, ScriptedAgent
-from .base import PHASE, Placement, Range, Scenario, checked_range, draw
+from .base import PHASE, Placement, Range, Scenario, checked_range, draw_value
 from .placing import corridor_walls
 
 PASSAGE = 0.05
@@ -78,15 +78,15 @@ class Overtaking(Scenario):
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw offset and phase."""
-        offset = draw(rng, OFFSET)
+        offset = draw_value(rng, OFFSET)
         way = Path(np.array([[0.0, offset], [LENGTH, offset]]))
-        return (Placement("robot", way, SPEED, draw(rng, PHASE)),)
+        return (Placement("robot", way, SPEED, draw_value(rng, PHASE)),)
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[Bystander, ...]:
         """Draw gap, place and speed of the leader, who does not stop at the robot's goal."""
-        gap, aside, speed = (draw(rng, one) for one in (GAP, self.aside, LEADER_SPEED))
+        gap, aside, speed = (draw_value(rng, one) for one in (GAP, self.aside, LEADER_SPEED))
         way = Path(np.array([[gap, aside], [LENGTH + 100.0, aside]]))
         return (ScriptedAgent("leader", way, speed, LEADER_RADIUS),)
 

@@ -13,7 +13,7 @@ from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
 from ..engine.agents import RobotAgent
-from .base import PHASE, Placement, Range, Scenario, draw
+from .base import PHASE, Placement, Range, Scenario, draw_value
 from .crowd_mix import mix_of
 from .placing import apart, corridor_walls, draw_place
 
@@ -258,7 +258,7 @@ class PedestrianCorridor(Scenario):
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the phase; the way is the same for every seed."""
         way = Path(np.array([[0.0, 0.0], [LENGTH, 0.0]]))
-        return (Placement("robot", way, SPEED, draw(rng, PHASE)),)
+        return (Placement("robot", way, SPEED, draw_value(rng, PHASE)),)
 
     def people(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
@@ -299,7 +299,7 @@ class PedestrianCorridor(Scenario):
             what = f"person {k} of {count}: take fewer, or smaller people"
             way = self._draw_way(rng, layout, taken, what)
             taken.append((way[0], PEDESTRIAN_RADIUS))
-            speed = draw(rng, layout.speed)
+            speed = draw_value(rng, layout.speed)
             found.append(crowd.person(rng, f"person {k}", Path(way), speed, PEDESTRIAN_RADIUS))
         return found
 
@@ -315,7 +315,7 @@ class PedestrianCorridor(Scenario):
         group = ahead if rng.random() < 0.5 else against
 
         def place() -> Array:
-            return np.array([draw(rng, group.x), draw(rng, group.y)])
+            return np.array([draw_value(rng, group.x), draw_value(rng, group.y)])
 
         def free(start: Array) -> bool:
             return apart(start, PEDESTRIAN_RADIUS, taken, 0.0)

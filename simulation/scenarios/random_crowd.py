@@ -8,7 +8,7 @@ import numpy as np
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.path import Path
 from ..engine.agents import RobotAgent
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 from .crowd_mix import mix_of
 from .placing import apart, draw_place
 
@@ -80,9 +80,9 @@ class RandomCrowd(Scenario):
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw start, goal and phase."""
         half = 0.5 * self.side
-        first, second = (self.side * draw(rng, ASIDE) for _ in range(2))
+        first, second = (self.side * draw_value(rng, ASIDE) for _ in range(2))
         way = Path(np.array([[-half, first], [half, second]]))
-        phase = draw(rng, PHASE)
+        phase = draw_value(rng, PHASE)
         return (Placement("robot", way, SPEED, phase),)
 
     def people(
@@ -93,7 +93,7 @@ class RandomCrowd(Scenario):
         taken = [(placements[0].path.points[0], self.robot_radius + ROBOT_SPACE - SPACE)]
         found = []
         for k in range(self.persons):
-            radius = draw(rng, PERSON_RADIUS)
+            radius = draw_value(rng, PERSON_RADIUS)
             speed = float(np.clip(rng.normal(MEAN_SPEED, SPEED_DEVIATION), *PERSON_SPEED))
             start = self._free_place(rng, radius, taken, k)
             taken.append((start, radius))

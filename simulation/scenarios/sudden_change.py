@@ -9,7 +9,7 @@ from ...framework.values.arrays import Array, checked_choice, positive
 from ...framework.values.path import Path
 from ...metrics.episode import approach
 from ..engine.agents import Bystander, ReplayAgent
-from .base import PHASE, Placement, Scenario, draw
+from .base import PHASE, Placement, Scenario, draw_value
 from .placing import draw_place
 
 Change: TypeAlias = Literal["stop", "turn", "either"]
@@ -75,18 +75,18 @@ class SuddenChange(Scenario):
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the phase; the way is the same for every seed."""
         way = Path(np.array([[-REACH, 0.0], [REACH, 0.0]]))
-        return (Placement("robot", way, SPEED, draw(rng, PHASE)),)
+        return (Placement("robot", way, SPEED, draw_value(rng, PHASE)),)
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[Bystander, ...]:
         """Draw the walker."""
         way = placements[0].path
-        met = way.length * draw(rng, SHARE)
+        met = way.length * draw_value(rng, SHARE)
         place, time = way.at(np.array(met)), met / SPEED
-        changes = time - draw(rng, NOTICE)
+        changes = time - draw_value(rng, NOTICE)
         stops = self.change == "stop" or (self.change == "either" and rng.random() < 0.5)
-        speed = draw(rng, WALKER_SPEED)
+        speed = draw_value(rng, WALKER_SPEED)
         times = np.array([changes - SPAN[0], changes, changes + SPAN[1]])
         clock = np.arange(0.0, changes, 0.1)
         robot = way.at(SPEED * clock)
@@ -96,7 +96,7 @@ class SuddenChange(Scenario):
             after = 0.0 if stops else speed
             heading = rng.uniform(-np.pi, np.pi)
             left = 1.0 if rng.random() < 0.5 else -1.0
-            before = heading - left * draw(rng, ANGLE)
+            before = heading - left * draw_value(rng, ANGLE)
             onward, come = _unit(heading), _unit(before)
             corner = place - after * (time - changes) * onward
             away = after * SPAN[1] * onward

@@ -17,7 +17,10 @@ HEAD = """# Written by `make types` from the table in __init__.py: change that, 
 # ruff: noqa
 # fmt: off
 """
-OTHERS = ("wideberth.framework", "wideberth.framework.testing", "wideberth.draw")
+OTHERS = (
+    *("wideberth.framework", "wideberth.framework.testing", "wideberth.draw", "wideberth.metrics"),
+    *("wideberth.perception", "wideberth.ros", "wideberth.simulation", "wideberth.experiments"),
+)
 FACES = ("wideberth", *OTHERS, *(room.module for room in ROOMS.values()))
 CHOSEN = ("build", "load", "load_plugin")
 """Functions of the root whose result depends on names that they are given."""

@@ -52,7 +52,7 @@ def test_the_learning_example_learns_to_give_way(
     pytest.importorskip("gymnasium")
     example = import_module("learn_policy")
     scenario = {"type": "crossing_field", "walkers": 4, "reach": 4.0}
-    world = example.gymnasium.make(example.navigation.ID, robot=example.ROBOT, scenario=scenario)
+    world = example.gymnasium.make(example.WORLD, robot=example.ROBOT, scenario=scenario)
     straight, learnt = (
         example.mean_reward(weights, world, [0]) for weights in (example.STRAIGHT, example.LEARNT)
     )

@@ -6,7 +6,7 @@ import pytest
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.sensing import MotionEstimate
-from wideberth.perception.own_state import own_state
+from wideberth.perception.observed_state import own_state
 
 MEAN = np.array([1.0, -2.0, 0.6, 0.4, 0.0, 0.2])
 ROOT = 0.02 * np.random.default_rng(0).standard_normal((6, 6))

@@ -52,7 +52,7 @@ class Frame:
     s: Any
 
 
-def slots(
+def slots_of(
     name: str,
     count: int,
     width: int,

@@ -457,7 +457,7 @@ def next_capacity(count: int) -> int:
     return next(size for size in CAPACITIES if size >= count)
 
 
-def used(count: int, capacity: int) -> Array:
+def active_slots(count: int, capacity: int) -> Array:
     """Mask of the slots: 1 for the first ``count``, 0 for the empty ones, (capacity,)."""
     active: BoolArray = np.arange(capacity) < count
     return active.astype(np.float64)

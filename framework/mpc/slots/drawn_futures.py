@@ -19,7 +19,7 @@ from ...values.motion import Pose
 from ..levels.base import LevelPolicy, Promise, SharedLevel
 from ..ocp.bodies import Body, discs
 from ..ocp.problem import SlotNumbers, Slots
-from ..ocp.stage import Frame, slots
+from ..ocp.stage import Frame, slots_of
 from .base import (
     WIDE,
     LevelledKind,
@@ -29,9 +29,9 @@ from .base import (
     SidedKind,
     SlotAssignment,
     SlotSizes,
+    active_slots,
     farthest,
     next_capacity,
-    used,
 )
 from .gaussian_discs import KnownDiscs, ObstacleSet, choose_obstacles, not_wider, within_reach
 from .reachability import lengths
@@ -157,7 +157,7 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
             return Constraint((along - numbers[size] - level * numbers[size + 1],))
 
         count = room[0] if room else 0
-        return slots(self.name, count, size + 2, NOTHING, parts, state, frame, levelled=True)
+        return slots_of(self.name, count, size + 2, NOTHING, parts, state, frame, levelled=True)
 
     def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Draw futures, discard the dearest, and fill a half-plane per obstacle and step."""
@@ -176,7 +176,7 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
             (room,),
             kept.ids,
             kept.left_out,
-            SlotNumbers(numbers, used(count, room), none, level),
+            SlotNumbers(numbers, active_slots(count, room), none, level),
             KnownDiscs(self, kept, view.margin),
             OutOfReach(beyond, np.ones((steps, len(beyond)))) if beyond else None,
             risk=risk_of_support(holding + discarded, self.scenarios, self.doubt),

@@ -19,7 +19,7 @@ from ..levels.base import LevelPolicy, Promise, tail_of
 from ..ocp.bodies import Body, apart, bodies, body_starts, discs
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.reference import Reference
-from ..ocp.stage import Frame, slots
+from ..ocp.stage import Frame, slots_of
 from .at_rest import EndOfPlan
 from .base import (
     FAR,
@@ -33,10 +33,10 @@ from .base import (
     SlotKind,
     SlotSizes,
     Touch,
+    active_slots,
     farthest,
     next_capacity,
     quoted,
-    used,
 )
 from .reachability import leaves_out, lengths, out_of_reach
 
@@ -311,7 +311,9 @@ class DiscNumbers(NamedTuple):
         # of a checked forecast, brought within reach
         clear_of = assembled(GaussianObstacle, mean=mean, covariance=covariance)
         parameters, none = region.parameters(clear_of, room), np.zeros((steps, capacity, 0))
-        return SlotNumbers(parameters, used(count, capacity), none, self.levels(ids, capacity))
+        return SlotNumbers(
+            parameters, active_slots(count, capacity), none, self.levels(ids, capacity)
+        )
 
     def at_end(self, region: Region, ids: tuple[str, ...], filled: SlotNumbers) -> Array | None:
         """Parameters of all slots at step N where the plan's end is held, (K, P); None else."""
@@ -372,7 +374,9 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         own, width = region.auxiliary(size), region.parameter_count(size)
         parts = self.bodies(frame.robot)
         count = room[0] if room else 0
-        return slots(self.name, count, width, own, parts, region.constraint, frame, levelled=True)
+        return slots_of(
+            self.name, count, width, own, parts, region.constraint, frame, levelled=True
+        )
 
     def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose the discs that come closest to the route, of those that a plan can meet."""

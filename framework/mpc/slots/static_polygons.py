@@ -19,7 +19,7 @@ from ...values.polygon import MOST_CORNERS, Polygon, edge_normals, separation
 from ..levels.base import LevelPolicy
 from ..ocp.bodies import Body, BodyPath, bodies, body_starts
 from ..ocp.problem import SlotNumbers, Slots
-from ..ocp.stage import Frame, slots
+from ..ocp.stage import Frame, slots_of
 from .base import (
     KnownObstacles,
     PlanningContext,
@@ -27,9 +27,9 @@ from .base import (
     SlotKind,
     SlotSizes,
     Touch,
+    active_slots,
     next_capacity,
     quoted,
-    used,
 )
 
 CORNERS = (4, 6, 8, 12, MOST_CORNERS)
@@ -135,7 +135,7 @@ def fill_walls(walls: Walls, region: StaticRegion, margin: float, spread: Array)
         np.broadcast_to(margin, shape),
         np.broadcast_to(spread[:, None], (*shape, 2, 2)),
     )
-    return SlotNumbers(numbers, used(count, capacity), np.zeros((*shape, 0)))
+    return SlotNumbers(numbers, active_slots(count, capacity), np.zeros((*shape, 0)))
 
 
 def nearness(around: float, aside: float, own: Array, level: LevelPolicy) -> float:
@@ -254,7 +254,9 @@ class StaticPolygons(SlotKind):
             raise WideberthError(f"{count} static polygons need a static region; got None")
         if region is None or not count:
             none = Constraint(())
-            return slots(self.name, 0, 0, Auxiliary(), (), lambda *_: none, frame, levelled=False)
+            return slots_of(
+                self.name, 0, 0, Auxiliary(), (), lambda *_: none, frame, levelled=False
+            )
         parts, corners = self.bodies(frame.robot), room[1]
         own = region.auxiliary(corners, max(len(parts[0].outline), 1))
         width = region.parameter_count(corners)
@@ -262,7 +264,7 @@ class StaticPolygons(SlotKind):
         def state(pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar) -> Constraint:
             return region.constraint(pose, parameters, auxiliary)  # it has no level
 
-        return slots(self.name, count, width, own, parts, state, frame, levelled=False)
+        return slots_of(self.name, count, width, own, parts, state, frame, levelled=False)
 
     def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose the convex parts that come closest to the route and the last plan."""

@@ -12,7 +12,7 @@ from ...values.errors import WideberthError
 from ...values.motion import Pose
 from ..levels.base import LevelPolicy, SharedLevel
 from ..ocp.problem import SlotNumbers, Slots
-from ..ocp.stage import Frame, slots
+from ..ocp.stage import Frame, slots_of
 from .base import (
     CAPACITIES,
     PlanningContext,
@@ -139,7 +139,7 @@ class Ways(OfDiscs, SelectiveKind):
             share = numbers[width - 1]
             return Constraint(tuple(share * one for one in found.inequalities), found.equalities)
 
-        return slots(self.name, count, width, own, parts, state, frame, levelled=True)
+        return slots_of(self.name, count, width, own, parts, state, frame, levelled=True)
 
     def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose discs as without ways, and add the way of each that has a slot."""

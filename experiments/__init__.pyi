@@ -1,0 +1,17 @@
+# Written by `make types` from the table in __init__.py: change that, not this.
+# ruff: noqa
+# fmt: off
+
+from .drawing.plotting import subplots as subplots
+from .engine.base import Experiment as Experiment
+from .engine.base import Result as Result
+from .engine.base import Row as Row
+from .engine.base import Task as Task
+from .engine.base import TaskOutcome as TaskOutcome
+from .engine.extract import extract as extract
+from .engine.extract import latex_text as latex_text
+from .engine.extract import markdown_text as markdown_text
+from .engine.result import open_result as open_result
+from .studies.grid import GridStudy as GridStudy
+from .studies.grid import reduced as reduced
+__all__ = ['Experiment', 'GridStudy', 'Result', 'Row', 'Task', 'TaskOutcome', 'extract', 'latex_text', 'markdown_text', 'open_result', 'reduced', 'subplots']
