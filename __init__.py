@@ -19,7 +19,7 @@ _NAMES = {
     "wideberth.routes.inflation": "Inflation",
     "wideberth.routes.polygons": "convex_polygons grid_of_polygons",
     "wideberth.routes.rerouting": "Rerouting",
-    "wideberth.experiments.engine.result": "open_result",
+    "wideberth.experiments": "open_result run",
 }
 """Module -> its names that are public here, which are imported on first use."""
 _ROOMS = """

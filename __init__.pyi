@@ -5,7 +5,8 @@
 from . import controllers as controllers
 from . import draw as draw
 from . import experiments as experiments
-from .experiments.engine.result import open_result as open_result
+from .experiments import open_result as open_result
+from .experiments import run as run
 from . import framework as framework
 from .framework import Adaptive as Adaptive
 from .framework import Command as Command
@@ -791,4 +792,4 @@ def load_plugin(path: str | _Path, room: _scenarios_name) -> _scenarios_base: ..
 def load_plugin(path: str | _Path, room: _experiments_name) -> _experiments_base: ...
 @_overload
 def load_plugin(path: str | _Path, room: str) -> _Any: ...
-__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Identities', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Rerouting', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'convex_polygons', 'cut_windows', 'grid_of_polygons', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin', 'walls_around', 'walls_of_segments', 'walls_of_shapes']
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Identities', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Rerouting', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'convex_polygons', 'cut_windows', 'grid_of_polygons', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'run', 'save_plugin', 'walls_around', 'walls_of_segments', 'walls_of_shapes']

@@ -9,7 +9,7 @@ _NAMES = {
     "drawing.plotting": "subplots",
     "engine.base": "Experiment Result Row Task TaskOutcome",
     "engine.extract": "extract latex_text markdown_text",
-    "engine.result": "open_result",
+    "engine.from_python": "open_result run",
     "studies.grid": "GridStudy reduced",
 }
 """Module -> its public names, which are imported on first use."""

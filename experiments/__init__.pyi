@@ -11,7 +11,8 @@ from .engine.base import TaskOutcome as TaskOutcome
 from .engine.extract import extract as extract
 from .engine.extract import latex_text as latex_text
 from .engine.extract import markdown_text as markdown_text
-from .engine.result import open_result as open_result
+from .engine.from_python import open_result as open_result
+from .engine.from_python import run as run
 from .studies.grid import GridStudy as GridStudy
 from .studies.grid import reduced as reduced
-__all__ = ['Experiment', 'GridStudy', 'Result', 'Row', 'Task', 'TaskOutcome', 'extract', 'latex_text', 'markdown_text', 'open_result', 'reduced', 'subplots']
+__all__ = ['Experiment', 'GridStudy', 'Result', 'Row', 'Task', 'TaskOutcome', 'extract', 'latex_text', 'markdown_text', 'open_result', 'reduced', 'run', 'subplots']

@@ -42,22 +42,18 @@ _ = file.write_text(config)
 # In a shell this is ``wideberth run caution.yaml``. A run that is stopped goes on when the same command is given
 # again, and ``--set seeds=20`` adds seeds to what is there.
 
-from wideberth.experiments.engine.runner import run
-from wideberth.experiments.engine.shipped_configs import read_experiment
+import wideberth
 
-experiment, _ = read_experiment(str(file), [])
-measured = run(experiment, folder / "caution")
+result = wideberth.run(file, folder=folder / "caution")
 
 # %%
 # The table
 # ---------
-# ``open_result`` reads the folder. Its tables are pandas data frames: ``table`` has one line per episode, ``summary``
-# one per planner. The guide :doc:`/results` says what the columns mean.
+# The tables of a result are pandas data frames: ``table`` has one line per episode, ``tables["summary"]`` one per
+# planner. ``wideberth.open_result`` opens the folder again another day. The guide :doc:`/results` says what the columns
+# mean.
 
-from wideberth import open_result
-
-result = open_result(folder / "caution")
-table = result.tables["table"]
+table = result.table
 print(table[["controller", "seed", "outcome", "duration", "clearance"]].to_string(index=False))
 
 # %%

@@ -15,6 +15,7 @@ from typer import Argument, Option
 
 from ...framework.plugins.io import expanded
 from ...framework.values.errors import WideberthError
+from ..engine.places import RESULTS, result_place
 from ..engine.thread_limits import ROUNDING
 from . import completing
 
@@ -70,9 +71,6 @@ RosArguments = Annotated[
     ),
 ]
 
-RESULTS = Path("results")
-"""Folder of all results that no other is stated for."""
-
 
 def _print_version(asked: bool) -> None:
     if asked:
@@ -102,7 +100,7 @@ def result_folder(name: str) -> Path:
     """
     folder = expanded(name)
     own = len(folder.parts) > 1 and folder.suffix not in (".yaml", ".yml")
-    return folder if own or (folder / "config.yaml").is_file() else RESULTS / folder.stem
+    return folder if own or (folder / "config.yaml").is_file() else result_place(folder.stem)
 
 
 @app.command(no_args_is_help=True)
@@ -131,7 +129,7 @@ def run(
     cluster = reached(scheduler, tls_ca, tls_cert, tls_key)
     experiment, plugins = read_experiment(config, set_ or [])
     if out is None:
-        out = RESULTS / (config_path(config).stem + ("-quick" if quick else ""))
+        out = result_place(config_path(config).stem, quick)
     out = expanded(out)
     with _window(workers, scheduler) if watch else nullcontext():
         _run(experiment, out, workers, quick, plugins, fresh, not no_figures, cluster, parquet)
@@ -180,6 +178,8 @@ def _run(
 
 ALL = "all"
 """What `--columns` takes for every column of the summary."""
+COLUMN = "column"
+"""The word of `wideberth show` before the name of a column."""
 
 
 def _show(folder: Path, every: bool = False) -> None:
@@ -190,7 +190,7 @@ def _show(folder: Path, every: bool = False) -> None:
     folder : of a finished result.
     every : all columns of the summary, not those alone that answer the question.
     """
-    from ..engine.extract import answering, extract
+    from ..engine.extract import answers, extract
     from ..engine.line_width import width, wrapped
     from ..engine.result import condense_times
     from ..engine.runner import reopen, written
@@ -199,10 +199,11 @@ def _show(folder: Path, every: bool = False) -> None:
     experiment, result = reopen(folder)
     typer.secho(wrapped(f"Examined: {experiment.claim}", width()), bold=True)
     whole = extract(folder)
-    names = columns_of(whole.rows) if every else answering(folder, whole.rows)
-    print_table([{name: row[name] for name in names} for row in whole.rows], whole.shares)
-    if more := len(columns_of(whole.rows)) - len(names):
+    chosen = whole if every else answers(folder)
+    print_table(chosen.rows, chosen.shares)
+    if more := len(columns_of(whole.rows)) - len(columns_of(chosen.rows)):
         typer.echo(f"{more} more columns: wideberth show {folder} --columns {ALL}")
+    typer.echo(f"What a column means: wideberth show {COLUMN} NAME")
     times = condense_times(result.times)
     if times:
         typer.echo("Calls of the controller, as measured here:")
@@ -256,14 +257,13 @@ def list_(
 
     columns = width()
     if room:
-        typer.echo("\n".join(describing.lines(describing.listed(room), columns=columns)))
+        typer.echo("\n".join(describing.room_lines(room, columns)))
         return
     room_columns = columns and columns - 2
     for name in (*ROOMS, describing.CONFIG_ROOM):
-        if found := describing.listed(name):
+        if lines := "\n".join(describing.room_lines(name, room_columns)):
             typer.secho(name, bold=True)
-            lines = describing.lines(found, columns=room_columns)
-            typer.echo(indent("\n".join(lines), "  "))
+            typer.echo(indent(lines, "  "))
 
 
 @app.command(no_args_is_help=True)
@@ -397,15 +397,16 @@ def show(
     result: Annotated[
         str,
         Argument(
-            help="Folder of a result, or the name of its config; or the word config, or ros.",
+            help="Folder of a result, or its config's name; or the word config, column or ros.",
             autocompletion=completing.results,
         ),
     ],
     name: Annotated[
         str | None,
         Argument(
-            help="After the word config: the config to print; after ros: the file for ROS 2.",
-            autocompletion=completing.shipped_configs,
+            help="After config: the config to print; after column: the column to explain; after "
+            "ros: the file for ROS 2.",
+            autocompletion=completing.shown,
         ),
     ] = None,
     columns: Annotated[
@@ -419,7 +420,8 @@ def show(
 ) -> None:
     """Show a result (claim, table, files), a part of its tables, or a shipped config's YAML.
 
-    `wideberth show config crossing > mine.yaml` writes a shipped config to a file.
+    `wideberth show config crossing` prints a shipped config, `wideberth new` writes it to a file,
+    and `wideberth show column success` says what a column of the tables means.
     """
     part = bool(columns or pivot or latex or markdown)
     if name is not None:
@@ -440,7 +442,7 @@ def show(
         raise WideberthError("--latex and --markdown were both given; give one of them")
     check_finished(folder)
     if not (names or pivot or every):
-        names = extract.answering(folder, extract.extract(folder).rows)
+        names = text_tables.columns_of(extract.answers(folder).rows)
     chosen = extract.extract(folder, names, pivot.split(",") if pivot else ())
     if chosen.note:
         say(chosen.note)
@@ -458,20 +460,48 @@ def show(
 
 def _config_text(word: str, name: str, part: bool) -> str:
     """Return the shipped file that the two words of `wideberth show` mean."""
+    from ..engine.column_descriptions import column_meanings
+    from ..engine.line_width import width, wrapped
     from ..engine.shipped_configs import shipped_text
     from .describing import is_config_room
     from .ros_files import ros_file
 
     if word == "ros":
         return ros_file(name)
+    if word == COLUMN and not part:
+        return "".join(f"{wrapped(line, width())}\n" for line in column_meanings(name))
     if not is_config_room(word):
         raise WideberthError(
             f"show takes one result, and {word!r} and {name!r} were given; two words are "
-            "`show config NAME` or `show ros NAME`, which print a shipped file"
+            "`show config NAME`, `show column NAME` or `show ros NAME`"
         )
     if part:
         raise WideberthError("--columns, --pivot, --latex and --markdown are of a result's tables")
     return shipped_text(name)
+
+
+@app.command(no_args_is_help=True)
+def new(
+    name: Annotated[str, Argument(help="Of the file; .yaml is added. It must not exist yet.")],
+    config: Annotated[
+        str,
+        Option("--from", help="A shipped one.", autocompletion=completing.shipped_configs),
+    ],
+) -> None:
+    """Write a config of your own: a shipped one with its comments, to be changed."""
+    from ...framework.plugins.io import write_text
+    from ..engine.shipped_configs import by_study, shipped, shipped_text
+
+    if config not in shipped():
+        lines = (f"{study}: {', '.join(names)}" for study, names in by_study().items())
+        typer.echo("\n".join(lines), err=True)
+    text = shipped_text(config)
+    path = expanded(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml")
+    if path.exists():
+        raise WideberthError(f"{path} exists and is not replaced; give another name")
+    write_text(path, text)
+    file = shlex.quote(str(path))
+    typer.echo(f"written: {path}; `wideberth run {file} --quick` tries it, without --quick all")
 
 
 def _mean_config(word: str) -> None:
@@ -482,6 +512,10 @@ def _mean_config(word: str) -> None:
     if is_config_room(word):
         raise WideberthError(
             "`wideberth show config NAME` prints a shipped config; none was named"
+        )
+    if word == COLUMN:
+        raise WideberthError(
+            "`wideberth show column NAME` says what a column means; none was named"
         )
     if word in shipped():
         raise WideberthError(

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from ..engine.places import RESULTS
+
 
 def configs(incomplete: str) -> Iterator[str]:
     """Yield shipped configs and YAML files."""
@@ -16,7 +18,7 @@ def configs(incomplete: str) -> Iterator[str]:
 
 def results(incomplete: str) -> Iterator[str]:
     """Yield the names of results under results/, and folders."""
-    found = sorted(path.parent.name for path in Path("results").glob("*/config.yaml"))
+    found = sorted(path.parent.name for path in RESULTS.glob("*/config.yaml"))
     yield from _begun(found, incomplete)
     yield from _paths(incomplete, ())
 
@@ -26,6 +28,16 @@ def shipped_configs(incomplete: str) -> Iterator[str]:
     from ..engine.shipped_configs import shipped
 
     yield from _begun(shipped(), incomplete)
+
+
+def shown(context: typer.Context, incomplete: str) -> Iterator[str]:
+    """Yield columns after the word column, else shipped configs."""
+    from ..engine.column_descriptions import defined_columns
+
+    if context.params.get("result") == "column":
+        yield from _begun(defined_columns(), incomplete)
+    else:
+        yield from shipped_configs(incomplete)
 
 
 def rooms(incomplete: str) -> Iterator[str]:

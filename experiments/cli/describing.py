@@ -29,7 +29,7 @@ from ...framework.plugins.registry import (
 from ...framework.plugins.yamlfile import dump as yaml_text
 from ...framework.values.errors import WideberthError, nearest, short
 from ..engine.line_width import wrapped
-from ..engine.shipped_configs import shipped, shipped_text
+from ..engine.shipped_configs import by_study, shipped, shipped_text, study_of_config
 
 CONFIG_ROOM = "configs"
 _SINGLE = (bool, int, float, str)
@@ -76,6 +76,18 @@ def _known_room(word: str) -> str:
     if word not in ROOMS and f"{word}s" not in ROOMS:
         raise WideberthError(unknown("room", word, (*ROOMS, CONFIG_ROOM)))
     return room_name(word)
+
+
+def room_lines(room: str, columns: int | None = None) -> Iterator[str]:
+    """Yield a line per name of a room, see `lines`; the shipped configs by their studies."""
+    if not is_config_room(room):
+        yield from lines(listed(room), columns=columns)
+        return
+    claims = listed(room)
+    for study, names in by_study().items():
+        yield f"{study}:"
+        inner = lines({name: claims[name] for name in names}, columns=columns and columns - 2)
+        yield from (indent(line, "  ") for line in inner)
 
 
 def lines(table: dict[str, str], most: int = 22, columns: int | None = None) -> Iterator[str]:
@@ -170,7 +182,7 @@ def described(words: list[str]) -> str:
         if room in ROOMS:
             return _room(room)
         if room == CONFIG_ROOM:
-            return "\n".join(lines(listed(room)))
+            return "\n".join(room_lines(room))
     everything = {name for room in ROOMS for name in choices(room)}
     hint = nearest(word, {*everything, *ROOMS, CONFIG_ROOM, *shipped()}) or ";"
     raise WideberthError(f"unknown name {short(word)}{hint} `wideberth list` shows all names")
@@ -201,8 +213,8 @@ def _config(name: str) -> str:
     text = shipped_text(name)
     comment = takewhile(lambda line: line.startswith("#"), text.splitlines())
     parts = [f"{name} ({CONFIG_ROOM})", "\n".join(line[1:].strip() for line in comment)]
-    parts.append(f"Study: {_studies(name)}\nRun it: wideberth run {name}")
-    parts.append(f"Make one of your own: wideberth show config {name} > mine.yaml")
+    parts.append(f"Study: {study_of_config(name)}\nRun it: wideberth run {name}")
+    parts.append(f"Make one of your own: wideberth new mine --from {name}")
     return "\n\n".join(parts)
 
 
@@ -319,13 +331,8 @@ def snippet(room: str, name: str, found: type) -> str:
     body = "\n".join([f"type: {name}", *missing, body]).rstrip()
     if room != "experiments":
         return f"{room.removesuffix('s')}:\n{indent(body, '  ')}"
-    mine = [path for path in shipped() if _studies(path) == name]
+    mine = [path for path in shipped() if study_of_config(path) == name]
     return f"{body}\n# shipped: {', '.join(mine)}" if mine else body
-
-
-def _studies(config: str) -> str:
-    found = re.search(r"^type: *(\w+)", shipped_text(config), flags=re.MULTILINE)
-    return found[1] if found else ""
 
 
 def _home(found: type) -> str:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from .csv_tables import Row as Row
 from .result import Result as Result
-from .result import Row as Row
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ class Experiment(ABC):
     """Three columns of the summary that lead a report; its first numbers where none is named."""
 
     printed: ClassVar[tuple[str, ...]] = ()
-    """Columns of the summary that answer the question, printed behind those that name a line; all
+    """Columns of the summary that answer the question, printed behind those that name a line, see
+    `wideberth.experiments.engine.text_tables.main_columns`; those that differ between the lines
     where none is named. Files hold all."""
 
     @abstractmethod

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from ...framework.plugins.registry import names
+from ...framework.values.errors import WideberthError, nearest, short
 
 PAGES = Path(__file__).resolve().parents[2] / "docs"
 """Folder of the pages."""
@@ -76,6 +77,35 @@ def shares(study: str, columns: Sequence[str]) -> frozenset[str]:
     return frozenset(
         name for name, one in column_descriptions(study, columns).items() if one.share
     )
+
+
+def column_meanings(column: str) -> list[str]:
+    """Return what a column means: a line for each definition, with the studies that it is of.
+
+    Raises
+    ------
+    WideberthError : no page defines a column of this name.
+    """
+    studies: dict[str, set[str]] = {}
+    for table in _tables():
+        if column in table.columns:
+            studies.setdefault(table.columns[column], set()).update(table.studies)
+    if not studies:
+        near = nearest(column, defined_columns())
+        raise WideberthError(
+            f"no page defines a column {short(column)}{near or ';'} docs/results.md and "
+            "docs/metrics.md define them"
+        )
+    return [
+        " ".join([column, *([f"({', '.join(sorted(of))})"] if of else [])])
+        + f": {text}{'; printed in per cent' * bool(_SHARE.match(text))}"
+        for text, of in studies.items()
+    ]
+
+
+def defined_columns() -> list[str]:
+    """Return the names of all columns that a page defines, sorted."""
+    return sorted({name for table in _tables() for name in table.columns})
 
 
 @cache

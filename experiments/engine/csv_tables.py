@@ -5,10 +5,13 @@ import io
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from ...framework.plugins.io import read_text, write_text
 from ...framework.values.errors import WideberthError
+
+Row: TypeAlias = dict[str, Any]
+"""One line of a table: column name -> float, int, str, bool or None."""
 
 _DIGITS = 4000
 """Of a number in a table; Python reads whole numbers of 4300. Longer ones are text."""

@@ -1,18 +1,30 @@
 """Parts of a result's tables for a paper: some columns, or a pivot; as LaTeX or Markdown."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import floor, isfinite, isinf, isnan, log10
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from math import floor, fsum, isfinite, isinf, log10, nan
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from ...framework.plugins.registry import load, unknown
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .column_descriptions import shares
-from .csv_tables import read_table
-from .result import Row, need_frames
-from .text_tables import columns_of, format_cell, headed, in_per_cent, main_columns, markdown_table
+from .csv_tables import Row, read_table
+from .text_tables import (
+    UNKNOWN,
+    columns_of,
+    format_cell,
+    has_words,
+    headed,
+    in_per_cent,
+    main_columns,
+    markdown_table,
+    with_unit,
+)
 
 
 @dataclass(frozen=True)
@@ -25,12 +37,15 @@ class Extract:
     measure : what the cells of a pivot hold, with its unit; "" without a pivot.
     note : how the cells were condensed; "" if they are the table's own.
     shares : columns whose cells are shares.
+    errors : column -> half of the width of its interval of 95 %, in the unit that is printed; of
+        columns that have one.
     """
 
     rows: list[Row]
     measure: str = ""
     note: str = ""
     shares: frozenset[str] = frozenset()
+    errors: Mapping[str, float] = field(default_factory=dict)
 
 
 def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()) -> Extract:
@@ -59,23 +74,60 @@ def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()
         )
     wanted = list(columns or pivot)
     name, rows = _table_with(folder, wanted)
-    study = str(read_config(folder / "config.yaml", stored=True).get("type", ""))
-    known = shares(study, wanted or columns_of(rows))
+    study = study_of(folder)
     if pivot:
-        return _pivoted(name, rows, wanted, wanted[2] in known)
-    chosen = [{name: row[name] for name in wanted} for row in rows] if wanted else rows
-    return Extract(chosen, shares=known)
+        return _pivoted(name, rows, wanted, wanted[2] in shares(study, wanted))
+    return of_rows(study, rows, wanted or columns_of(rows))
 
 
-def answering(folder: Path, rows: Sequence[Row]) -> list[str]:
-    """Return the columns of a result's summary that answer its study's question.
+def of_rows(study: str, rows: Sequence[Row], columns: Sequence[str]) -> Extract:
+    """Return columns of a study's table, with what is known of them."""
+    known = shares(study, columns)
+    errors = {name: _error(name, rows, name in known) for name in columns}
+    return Extract(
+        [{name: row.get(name) for name in columns} for row in rows],
+        shares=known,
+        errors={name: error for name, error in errors.items() if error},
+    )
 
-    All of them where the study names none, or is not known here.
-    """
-    study = str(read_config(folder / "config.yaml", stored=True).get("type", ""))
+
+def study_of(folder: Path) -> str:
+    """Return the registered name of a result's study."""
+    return str(read_config(folder / "config.yaml", stored=True).get("type", ""))
+
+
+_END = re.compile(r"_(low|high)(?=(_[a-z]+)?$)")
+"""What the name of a column adds to that of the quantity that it bounds."""
+
+
+def _error(column: str, rows: Sequence[Row], share: bool) -> float:
+    """Return half of the median width of a column's intervals; 0 where there are none."""
+    quantity = _END.sub("", column)
+    ends = {
+        found[1]: name
+        for name in columns_of(rows)
+        if (found := _END.search(name)) and _END.sub("", name) == quantity
+    }
+    widths = [
+        row[ends["high"]] - row[ends["low"]]
+        for row in rows
+        if len(ends) == 2 and all(_finite(row.get(name)) for name in ends.values())
+    ]
+    half = 0.5 * median(widths) if widths else 0.0
+    return 100.0 * half if share else half
+
+
+def answers(folder: Path) -> Extract:
+    """Return the columns of a result's summary that answer its study's question."""
+    study, rows = study_of(folder), read_table(folder / "summary.csv")
+    return of_rows(study, rows, answering(study, rows))
+
+
+def answering(study: str, rows: Sequence[Row]) -> list[str]:
+    """Return the columns of a summary that answer a study's question; see `main_columns`."""
     try:
         printed = load("experiments", study).printed
-    except WideberthError:
+    except WideberthError:  # its plug-in is not there
         printed = ()
     return main_columns(rows, printed)
 
@@ -95,25 +147,31 @@ def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
 
 
 def _pivoted(name: str, rows: Sequence[Row], pivot: Sequence[str], share: bool) -> Extract:
-    need_frames()
-    import pandas
-
     lines, across, measure = pivot
-    frame: Any = pandas.DataFrame(list(rows))  # pandas' own annotations fit any column
-    if not pandas.api.types.is_numeric_dtype(frame[measure]):
-        raise WideberthError(
-            f"the column {measure!r} holds text; the measure of a pivot is a number"
-        )
-    cells = frame.groupby([lines, across], sort=False)[measure]
-    most = int(cells.size().max())
-    table = cells.mean(skipna=False).unstack(sort=False)
+    cells: dict[tuple[Any, Any], list[float]] = {}
+    for row in rows:
+        value = nan if row[measure] is None else row[measure]
+        if isinstance(value, str):
+            raise WideberthError(
+                f"the column {measure!r} holds text; the measure of a pivot is a number"
+            )
+        cells.setdefault((row[lines], row[across]), []).append(float(value))
+    heads = {label: with_unit(across, label) for _, label in cells}
     found = [
-        {lines: label, **dict(zip(map(str, table.columns), values, strict=True))}
-        for label, values in zip(table.index, table.to_numpy().tolist(), strict=True)
+        {
+            lines: line,
+            **{head: _mean(cells.get((line, label), ())) for label, head in heads.items()},
+        }
+        for line in dict.fromkeys(line for line, _ in cells)
     ]
+    most = max(map(len, cells.values()), default=0)
     note = f"each cell is the mean of up to {most} lines of {name}" if most > 1 else ""
-    held = frozenset(map(str, table.columns)) if share else frozenset[str]()
+    held = frozenset(heads.values()) if share else frozenset[str]()
     return Extract(found, headed(measure, share), note, held)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return fsum(values) / len(values) if values else nan
 
 
 def markdown_text(chosen: Extract) -> str:
@@ -122,48 +180,66 @@ def markdown_text(chosen: Extract) -> str:
     return above + markdown_table([_titled(row, chosen) for row in chosen.rows])
 
 
+def html_text(chosen: Extract) -> str:
+    """Return an extract as a plain HTML table with units."""
+    rows = [_titled(row, chosen) for row in chosen.rows]
+    lines = [[format_cell(value) for value in row.values()] for row in rows]
+    body = "".join(_html_line("td", cells) for cells in lines)
+    return f"<table>{_html_line('th', columns_of(rows))}{body}</table>"
+
+
+def _html_line(kind: str, cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{kind}>{escape(cell)}</{kind}>' for cell in cells)}</tr>"
+
+
 def latex_text(chosen: Extract) -> str:
     """Return an extract as a LaTeX tabular with units; it needs the package booktabs.
 
     The numbers of a column have the same digits after the point, see `aligned`; what is unknown
     is a dash.
-
-    Raises
-    ------
-    WideberthError : the extra for data frames is missing.
     """
-    need_frames()
-    import pandas
-
     rows = [_titled(row, chosen) for row in chosen.rows]
-    columns = {name: [row.get(name) for row in rows] for name in columns_of(rows)}
-    words = [any(isinstance(value, str) for value in values) for values in columns.values()]
-    frame = pandas.DataFrame(
-        {_latex(name): [_latex(text) for text in aligned(own)] for name, own in columns.items()},
-        dtype=str,
-    )
-    if chosen.measure:
-        first, *rest = frame.columns
-        frame.columns = pandas.MultiIndex.from_tuples(
-            [("", first), *((_latex(chosen.measure), name) for name in rest)]
-        )
-    sides = "".join("l" if text else "r" for text in words)
-    text: str = frame.to_latex(
-        index=False, escape=False, column_format=sides, multicolumn_format="c"
-    )
-    return text.rstrip("\n")
+    names = columns_of(rows)
+    sides = "".join("l" if has_words(rows, name) else "r" for name in names)
+    errors = [chosen.errors.get(name) for name in columns_of(chosen.rows)]
+    columns = [
+        aligned([row.get(name) for row in rows], error)
+        for name, error in zip(names, errors, strict=True)
+    ]
+    above = f" & \\multicolumn{{{len(names) - 1}}}{{c}}{{{_latex(chosen.measure)}}} \\\\"
+    return "\n".join([
+        f"\\begin{{tabular}}{{{sides}}}",
+        r"\toprule",
+        *([above] if chosen.measure else []),
+        _latex_line(names),
+        r"\midrule",
+        *(_latex_line(line) for line in zip(*columns, strict=True)),
+        r"\bottomrule",
+        r"\end{tabular}",
+    ])  # fmt: skip
 
 
-_DIGITS, _LEAST, _MORE = 4, 2, 2
-"""Digits of the largest number of a column, of the smallest one, and how many that may add."""
-_UNKNOWN, _ENDLESS = "\u2013", "\u221e"
+def _latex_line(cells: Sequence[str]) -> str:
+    return f"{' & '.join(map(_latex, cells))} \\\\"
 
 
-def aligned(values: Sequence[Any]) -> list[str]:
+_DIGITS, _LEAST, _MORE, _OF_ERROR = 4, 2, 2, 2
+"""Digits of the largest number of a column, of the smallest one, how many that may add, and digits
+of an error that is known."""
+_ENDLESS = "\u221e"
+
+
+def aligned(values: Sequence[Any], error: float | None = None) -> list[str]:
     """Return the cells of a column as text; its numbers have the same digits after the point.
 
-    The largest number has four digits, or fewer where none needs them. A number that would be 0
-    is stated as smaller than the last digit; an unknown one is a dash.
+    The largest number has four digits, or fewer where none needs them, or where the error has
+    two. A number that would be 0 is stated as smaller than the last digit; an unknown one is a
+    dash.
+
+    Parameters
+    ----------
+    values : cells.
+    error : by how much the numbers are uncertain, in their own unit; None where it is not known.
 
     Examples
     --------
@@ -173,9 +249,13 @@ def aligned(values: Sequence[Any]) -> list[str]:
     ['1.00000', '0.03125', '<0.00001']
     >>> aligned([3, 12]), aligned(["a", True])
     (['3', '12'], ['a', 'True'])
+    >>> aligned([97.3333, 8.125], error=3.2), aligned([97.3333, 8.125], error=0.4)
+    (['97.3', '8.1'], ['97.33', '8.12'])
     """
     numbers = [abs(value) for value in values if _finite(value)]
     decimals = _decimals([number for number in numbers if number])
+    if error:
+        decimals = min(decimals, max(_OF_ERROR - 1 - floor(log10(error)), 0))
     return [_aligned(value, decimals) for value in values]
 
 
@@ -200,10 +280,8 @@ def _fraction(number: float) -> int:
 
 
 def _aligned(value: Any, decimals: int) -> str:
-    if not isinstance(value, int | float) or isinstance(value, bool):
+    if not isinstance(value, int | float) or isinstance(value, bool) or value != value:
         return format_cell(value)
-    if isnan(value):
-        return _UNKNOWN
     if isinf(value):
         return f"{'-' * (value < 0)}{_ENDLESS}"
     last = 10.0**-decimals
@@ -213,7 +291,7 @@ def _aligned(value: Any, decimals: int) -> str:
 _SPECIAL = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "<": "$<$", ">": "$>$", _UNKNOWN: "--", _ENDLESS: r"$\infty$",
+    "<": "$<$", ">": "$>$", UNKNOWN: "--", _ENDLESS: r"$\infty$",
 }  # fmt: skip
 """Character -> how LaTeX writes it."""
 

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,26 @@ _EVERY = 60.0
 """s between the lines that a log gets."""
 _SOON = 0.8
 """s until work is shown: what is quicker needs no bar."""
+
+
+_shown = ContextVar("shown", default=True)
+
+
+@contextmanager
+def without_progress() -> Iterator[None]:
+    """Show no bars, spinners or lines of progress within the block; notes are printed."""
+    token = _shown.set(False)
+    try:
+        yield
+    finally:
+        _shown.reset(token)
+
+
+def in_notebook() -> bool:
+    """Whether output goes into a notebook."""
+    from rich.console import Console
+
+    return Console().is_jupyter
 
 
 class _Display:
@@ -32,15 +53,18 @@ class _Display:
         )  # fmt: skip
         self.text: str = text
         self.task: TaskID = self.bar.add_task(text, **task)
+        self.shown: bool = _shown.get()
         self.timer: threading.Timer = threading.Timer(_SOON, self.begin)
         self.timer.daemon = True
 
     def __enter__(self) -> None:
-        self.timer.start()
+        if self.shown:
+            self.timer.start()
 
     def __exit__(self, *_: object) -> None:
         self.timer.cancel()
-        self.timer.join()
+        if self.shown:
+            self.timer.join()
         self.bar.stop()
 
     def begin(self) -> None:
@@ -73,7 +97,7 @@ def progress(total: int, done: int = 0) -> Iterator[Callable[[], None]]:
         left = time_left([b - a for a, b in pairwise(ends)], total - count)
         text = display.text = f"{count} of {total} tasks{left and f', {left}'}"
         display.bar.update(display.task, advance=1, description=text)
-        if not display.terminal and ends[-1] > reported + _EVERY:
+        if display.shown and not display.terminal and ends[-1] > reported + _EVERY:
             reported = ends[-1]
             say(text)
 

@@ -2,27 +2,27 @@
 
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
 from ...framework.plugins.extras import from_extra
-from ...framework.plugins.io import expanded, read_bytes
+from ...framework.plugins.io import read_bytes
 from ...framework.plugins.registry import unknown
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest
 from ...simulation.log.episode_log import Episode
-from .csv_tables import read_table
+from .csv_tables import Row, read_table
+from .extract import answers, html_text
+from .places import RESULTS
 
 if TYPE_CHECKING:
     import pandas
 
 T = TypeVar("T")
-
-Row = dict[str, Any]
-"""One line of a table: column name -> float, int, str, bool or None."""
 
 
 class UnknownName(WideberthError, KeyError):
@@ -64,9 +64,11 @@ class Result:
     Attributes
     ----------
     folder : as the runner wrote it (config.yaml, table.csv, times.csv, files/).
+    draw : draws the figures of a folder, when they are asked for; None where that is not offered.
     """
 
     folder: Path
+    draw: Callable[[Path], object] | None = field(default=None, compare=False)
 
     @property
     def name(self) -> str:
@@ -89,6 +91,21 @@ class Result:
         inside = {path.relative_to(self.folder): path for path in found if path.is_file()}
         names = {place.with_suffix("").as_posix(): path for place, path in inside.items()}
         return FilesByName("table", names, _read_frame)
+
+    @property
+    def table(self) -> "pandas.DataFrame":
+        """The table as a pandas data frame, one line per measured row; as `rows`."""
+        return self.tables["table"]
+
+    @property
+    def figures(self) -> FilesByName[Path]:
+        """The figures as PNG files, by name; drawn first if they are not there yet."""
+        place = self.folder / "figures"
+        if self.draw is not None and not place.is_dir():
+            self.draw(self.folder)
+        drawn = sorted(place.rglob("*.png"))
+        names = {path.relative_to(place).with_suffix("").as_posix(): path for path in drawn}
+        return FilesByName("figure", names, lambda path: path)
 
     @property
     def episodes(self) -> FilesByName[Episode]:
@@ -140,20 +157,9 @@ class Result:
             f"  episodes: {listed(self.episodes)}"
         )
 
-
-def open_result(folder: str | Path) -> Result:
-    """Open the folder of a finished run.
-
-    ``result.tables["summary"]`` is a pandas data frame, ``result.episodes["run-default-0"]`` an
-    episode, ``result.config`` the settings; nothing is read before it is asked for.
-
-    Raises
-    ------
-    WideberthError : no result there, or one that is not finished.
-    """
-    folder = expanded(folder)
-    check_finished(folder)
-    return Result(folder)
+    def _repr_html_(self) -> str:
+        """Show the columns of the summary that answer the question, in a notebook."""
+        return f"{html_text(answers(self.folder))}<p>{escape(repr(self))}</p>"
 
 
 def check_finished(folder: Path) -> None:
@@ -165,7 +171,7 @@ def check_finished(folder: Path) -> None:
     """
     if not (folder / "config.yaml").is_file():
         beside = [path.parent.name for path in folder.absolute().parent.glob("*/config.yaml")]
-        inside = Path("results") / folder
+        inside = RESULTS / folder
         hint = f": did you mean '{inside}'?" if (inside / "config.yaml").is_file() else ""
         hint = hint or nearest(folder.name, beside)
         raise WideberthError(f"{folder} holds no result; `wideberth run` makes one{hint}")

@@ -31,7 +31,10 @@ FIGURES = f"{TASKS}/figures.json"
 NAMES = (CONFIG, *TABLES, FIGURES, PROVENANCE)
 """Files of every result."""
 LOCK = ".lock"
-CURE = "give another folder with --out, or throw the old result away with --fresh"
+CURE = (
+    "give another folder with --out, or throw the old result away with --fresh; in Python, "
+    "folder=... or resume=False"
+)
 """What to do where a folder holds another result; it ends such messages."""
 
 _LONGEST = 200

@@ -21,6 +21,7 @@ from ...framework.values.errors import WideberthError, short
 from .base import Experiment, Result, Row, Task, TaskOutcome
 from .csv_tables import read_rows, table_text, write_table
 from .errors import as_user_error, describe_error
+from .extract import markdown_text, of_rows
 from .pool import LocalPool, Pool, need_workers, sweep
 from .progress import progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
@@ -39,7 +40,7 @@ from .result_folder import (
     remove_task,
 )
 from .tasks import TASKS, checked_tasks, read_task, task_folders, task_keys, write_task
-from .text_tables import markdown_table
+from .text_tables import columns_of
 from .worker import measured, pack_job
 
 if TYPE_CHECKING:
@@ -137,9 +138,8 @@ def _chosen(experiment: Experiment, quick: bool) -> Experiment:
     """
     if not isinstance(experiment, Experiment):
         raise WideberthError(
-            f"run takes an Experiment, and {short(experiment, 60)} was given; read a config by "
-            "`experiment, plugins = read_experiment('crossing', [])` of "
-            "wideberth.experiments.engine.shipped_configs"
+            f"run takes an Experiment, and {short(experiment, 60)} was given; "
+            "`wideberth.run` takes the name of a config, a file or a mapping too"
         )
     if not quick:
         return experiment
@@ -260,7 +260,8 @@ def _collect(work: _Work, out: Path) -> None:
     table = table_text(rows)
     summary = work.experiment.summary(read_rows(table, "the table"))
     write_table(out / "summary.csv", summary)
-    write_text(out / "summary.md", f"{work.experiment.claim}\n\n{markdown_table(summary)}\n")
+    whole = of_rows(str(work.config["type"]), summary, columns_of(summary))
+    write_text(out / "summary.md", f"{work.experiment.claim}\n\n{markdown_text(whole)}\n")
     write_text(out / "table.csv", table)
 
 

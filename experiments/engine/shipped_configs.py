@@ -1,17 +1,21 @@
 """Configs that come with the package, and what a config builds."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeAlias, get_origin, get_type_hints
 
 from ...framework.plugins.config import build, import_plugins
 from ...framework.plugins.registry import load, unknown
-from ...framework.plugins.yamlfile import apply, read_config
-from ...framework.values.errors import WideberthError, nearest
+from ...framework.plugins.yamlfile import assign, parsed, read_config
+from ...framework.values.errors import WideberthError, nearest, short
 
 if TYPE_CHECKING:
     from .base import Experiment
+
+Change: TypeAlias = tuple[str, Any, str]
+"""Dotted key, value, and the place that messages name."""
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 
@@ -38,7 +42,7 @@ def shipped_text(name: str) -> str:
     WideberthError : no config of this name is shipped.
     """
     if name not in shipped():
-        raise WideberthError(unknown("config", name, shipped()))
+        raise WideberthError(_unknown(name))
     return (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8")
 
 
@@ -59,25 +63,54 @@ def config_path(text: str) -> Path:
     beside = [str(file) for file in path.parent.glob("*.yaml")]
     if hint := nearest(text, beside):
         raise WideberthError(f"there is no file {text!r}{hint}")
-    raise WideberthError(f"no such file, and {unknown('config', text, shipped())}")
+    raise WideberthError(f"no such file, and {_unknown(text)}")
+
+
+def _unknown(name: str) -> str:
+    """Return the message for an unknown config: the nearest one; all of them would hide it."""
+    near = nearest(name, shipped()) or ";"
+    return f"unknown config {short(name)}{near} `wideberth list configs` shows all"
+
+
+ALONE = "one config each"
+"""Group of the configs whose studies have no other."""
+
+
+def by_study() -> dict[str, list[str]]:
+    """Return study -> the names of its shipped configs, sorted; the group `ALONE` is the last."""
+    found: dict[str, list[str]] = {}
+    for name in shipped():
+        found.setdefault(study_of_config(name), []).append(name)
+    several = {study: names for study, names in sorted(found.items()) if len(names) > 1}
+    return several | {ALONE: [names[0] for names in found.values() if len(names) == 1]}
+
+
+def study_of_config(name: str) -> str:
+    """Return the registered name of a shipped config's study; its file is not parsed."""
+    found = re.search(r"^type: *(\w+)", shipped_text(name), flags=re.MULTILINE)
+    return found[1] if found else ""
 
 
 def read_experiment(text: str, overrides: list[str]) -> "tuple[Experiment, list[str]]":
     """Return the experiment that a config describes, and the plug-in modules it lists."""
-    path = config_path(text)
-    given = read_config(path)
-    config = deepcopy(given)
-    for override in overrides:
-        apply(config, override)
+    return built(read_config(config_path(text)), map(parsed, overrides))
+
+
+def built(given: Mapping[str, Any], changes: "Iterable[Change]") -> "tuple[Experiment, list[str]]":
+    """Return the experiment of a config with some changes, and the plug-in modules it lists."""
+    changes = list(changes)
+    config = deepcopy(dict(given))
+    for change in changes:
+        assign(config, *change)
     plugins = config.pop("plugins", None)
     plugins = [] if plugins is None else plugins
     import_plugins(plugins)
-    _check_names(config.get("type"), given, overrides)
+    _check_names(config.get("type"), deepcopy(dict(given)), changes)
     experiment: Experiment = build("experiments", config)
     return experiment, plugins
 
 
-def _check_names(kind: object, config: dict[str, Any], overrides: list[str]) -> None:
+def _check_names(kind: object, config: dict[str, Any], changes: "Sequence[Change]") -> None:
     """Refuse to set something of an entry that is not there: mistyped, it would be one more.
 
     Raises
@@ -89,15 +122,13 @@ def _check_names(kind: object, config: dict[str, Any], overrides: list[str]) -> 
         hints = get_type_hints(load("experiments", str(kind)))
     except (WideberthError, NameError, TypeError, AttributeError):  # `build` says what is wrong
         return
-    for override in overrides:
-        first, *rest = override.partition("=")[0].strip().split(".")
+    for key, value, where in changes:
+        first, *rest = key.split(".")
         held = config.get(first)
         named = held if get_origin(hints.get(first)) is dict else None
         if isinstance(named, Mapping) and len(rest) > 1 and rest[0] not in named:
             cure = f"to add one, give it whole: {first}.{rest[0]}={{...}}"
             if any("." in name for name in named):
                 cure = f"names with dots are changed in a file or all at once: {first}={{...}}"
-            raise WideberthError(
-                f"--set {override!r}: {first}: {unknown('name', rest[0], named)}; {cure}"
-            )
-        apply(config, override)
+            raise WideberthError(f"{where}: {first}: {unknown('name', rest[0], named)}; {cure}")
+        assign(config, key, value, where)

@@ -5,7 +5,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from .base import Row
+from .csv_tables import Row
 from .line_width import width
 
 WIDEST = 36
@@ -16,6 +16,8 @@ EDGES = 3
 """Characters beside each column: two blanks and a line."""
 PIPED = 200
 """Characters of a line in a file or a pipe."""
+MOST = 8
+"""Columns of a summary that are printed unless more are asked for."""
 LISTED = 8
 """Files of one folder that are named; more are counted."""
 
@@ -44,10 +46,26 @@ def headed(column: str, share: bool = False) -> str:
     return " ".join([*words, last])
 
 
+def with_unit(column: str, value: Any) -> str:
+    """Return a value as a heading, with the unit that the name of its column states.
+
+    Examples
+    --------
+    >>> with_unit("delay_s", 0.5), with_unit("region", "box_1")
+    ('0.5 s', 'box_1')
+    """
+    unit = UNITS.get(column.rpartition("_")[2], "") if isinstance(value, int | float) else ""
+    return f"{format_cell(value)} {unit}".rstrip()
+
+
+UNKNOWN = "\u2013"
+"""Stands for a number that is not known."""
+
+
 def format_cell(value: Any) -> str:
-    """Return a cell as text: a float with four digits, None empty."""
+    """Return a cell as text: a float with four digits, a dash for NaN, None empty."""
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return UNKNOWN if value != value else f"{value:.4g}"
     return "" if value is None else str(value)
 
 
@@ -71,17 +89,23 @@ def in_per_cent(row: Row, shares: Collection[str]) -> Row:
 def main_columns(rows: Sequence[Row], printed: Sequence[str]) -> list[str]:
     """Return the columns that a table has in a terminal.
 
+    Behind those that name a line `MOST` are left, if there are so many: without those that hold
+    one value in all lines, then without the ones before the last.
+
     Parameters
     ----------
-    rows : of the summary.
+    rows : of the summary; all columns of a single line, where none are printed.
     printed : see `Experiment.printed`; those that hold nothing are left out.
     """
     every = columns_of(rows)
-    if not printed:
+    if not printed and len(rows) < 2:
         return every
-    names = takewhile(lambda name: all(isinstance(row.get(name), str) for row in rows), every)
-    held = (name for name in printed if any(row.get(name) not in ("", None) for row in rows))
-    return list(dict.fromkeys([*names, *held]))
+    names = [*takewhile(lambda name: all(isinstance(row.get(name), str) for row in rows), every)]
+    rest = [name for name in printed or every if name not in names]
+    held = [name for name in rest if any(row.get(name) not in ("", None) for row in rows)]
+    if len(held) > MOST:
+        held = [name for name in held if len({repr(row.get(name)) for row in rows}) > 1] or held
+    return [*names, *(held if len(held) <= MOST else (*held[: MOST - 1], held[-1]))]
 
 
 def print_table(rows: Sequence[Row], shares: Collection[str] = ()) -> None:
@@ -111,7 +135,7 @@ def print_table(rows: Sequence[Row], shares: Collection[str] = ()) -> None:
     for block in _fold(columns, names, console.width, widest):
         table = Table()
         for column in block:
-            title = column[0].replace("_", " ") if upright else column[0]
+            title = headed(column[0]) if upright else column[0]
             table.add_column(title, max_width=_needed(column, widest))
         for line in zip(*(column[1:] for column in block), strict=True):
             table.add_row(*line)

@@ -14,6 +14,7 @@ from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.column_descriptions import ColumnDescription, column_descriptions
 from ..engine.csv_tables import read_table, table_text
+from ..engine.extract import answering, markdown_text, of_rows
 from ..engine.result import condense_times
 from ..engine.runner import draw, reopen
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
@@ -135,7 +136,8 @@ def markdown(reports: Sequence[Report]) -> str:
     """Return claims, summaries, times and origins of results as Markdown."""
     blocks = [TABLES]
     for one in reports:
-        blocks += [f"## {plain(one.name)}", plain(one.claim), markdown_table(one.summary)]
+        whole = of_rows(one.study, one.summary, columns_of(one.summary))
+        blocks += [f"## {plain(one.name)}", plain(one.claim), markdown_text(whole)]
         if one.times:
             blocks += ["Calls of the controller, as measured:", markdown_table(one.times)]
         blocks.append(f"Measured with {plain(origin(one.provenance))}.")
@@ -169,6 +171,9 @@ def _contents(
     stills = [path for path in one.pictures if path.suffix == ".png"]
     films, long_films = _fitting([path for path in one.pictures if path.suffix == ".gif"])
     known = column_descriptions(one.study, columns_of(one.summary))
+    names = answering(one.study, one.summary)
+    answer = [{name: row.get(name) for name in names} for row in one.summary]
+    more = len(columns_of(one.summary)) - len(names)
     some, count = one.rows[:_FIRST], len(one.rows)
     few = f"all {count}" if count == len(some) else f"the first {len(some)} of {count}"
     table = table_text(one.rows).encode("utf-8")
@@ -178,7 +183,9 @@ def _contents(
         "stills": [_picture(path, one, "figure") for path in _by_caption(stills, one.captions)],
         "player": player(episodes, one.name) if episodes else "",
         "left_out": [f"wideberth play {path}" for path in left_out],
-        "summary": html_table(one.summary, f"{one.name}: summary", known),
+        "summary": html_table(answer, f"{one.name}: summary", known),
+        "whole_summary": html_table(one.summary, f"{one.name}: all columns", known),
+        "more": more,
         "films": [_picture(path, one, "animation") for path in films],
         "long_films": long_films,
         "few": few,

@@ -206,7 +206,7 @@ def shown(value: Any) -> str:
     Examples
     --------
     >>> [shown(value) for value in (0.123456, 10261.7, float("nan"), None, "a", True)]
-    ['0.1235', '10262', 'NaN', '', 'a', 'yes']
+    ['0.1235', '10262', '–', '', 'a', 'yes']
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -214,7 +214,7 @@ def shown(value: Any) -> str:
         return number(value, ".0f")
     text = format_cell(value)
     if isinstance(value, int | float):
-        return text.replace("nan", "NaN").replace("-", MINUS)
+        return text.replace("-", MINUS)
     return text
 
 

@@ -223,7 +223,7 @@ def _difference(panel: Any, place: float, own: Sequence[Row], base: Sequence[Row
         panel.plot(known, place - 0.25 + 0.7 * spread, ".", color="0.6", markersize=2.5)
         panel.plot(found["time_difference_s"], place, "D", color="black", markersize=3)
     count = f"{found['only_this']} to {found['only_baseline']}"
-    chance = number(found["p_value"], ".2g")
+    chance = number(found["p_success"], ".2g")
     alone = f"both arrived: {len(known)}; one alone: {count}, p = {chance}"
     panel.annotate(
         alone, (1.0, place), xycoords=("axes fraction", "data"), xytext=(-2, 3),

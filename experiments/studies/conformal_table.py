@@ -153,7 +153,7 @@ class ConformalTable(GridStudy):
     headline: ClassVar[tuple[str, ...]] = ("collision", "arrivals", "steps")
     printed: ClassVar[tuple[str, ...]] = (
         *("starts", "collision", "infeasible", "steps", "arrivals", "hits", "unavoidable"),
-        *(*KINDS, "p_value"),
+        *(*KINDS, "p_difference"),
     )
 
     contenders: dict[str, Contender]
@@ -361,7 +361,7 @@ def compared(rows: list[Row], ours: list[Row]) -> Row:
         "difference": found.mean,
         "difference_low": found.low,
         "difference_high": found.high,
-        "p_value": found.p_value,
+        "p_difference": found.p_value,
     }
 
 

@@ -18,8 +18,9 @@ SOURCES = (
 """Keys of what the columns of `measured`, `condensed` and `against` are taken from."""
 
 ANSWERS = (
-    *("episodes", "success", "collision", "time_mean_s", "clearance_median_m", "intrusion_share"),
-    *("time_difference_s", "p_value", "price_of_uncertainty_s", "judged_outcome", "errors"),
+    *("episodes", "success", "p_success", "collision", "time_mean_s", "time_difference_s"),
+    *("clearance_median_m", "intrusion_share", "price_of_uncertainty_s", "judged_outcome"),
+    "errors",
 )
 """Columns of the summary that say who arrives, who touches, how fast, how near, and by chance."""
 
@@ -107,7 +108,7 @@ def against(rows: Sequence[Row], others: Sequence[Row]) -> Row:
     """Compare a controller with another one, seed by seed.
 
     ``only_this`` and ``only_baseline`` count the seeds at which one succeeded alone,
-    ``p_value`` is McNemar's; ``time_difference_s`` is the mean of this one's time minus the
+    ``p_success`` is McNemar's; ``time_difference_s`` is the mean of this one's time minus the
     other's over the seeds at which both succeeded, with its bootstrap interval of 95 %.
     """
     this, other = paired(rows, others, "success"), paired(others, rows, "success")
@@ -115,7 +116,7 @@ def against(rows: Sequence[Row], others: Sequence[Row]) -> Row:
     return {
         "only_this": int(np.sum(this > other)),
         "only_baseline": int(np.sum(other > this)),
-        "p_value": mcnemar(this, other),
+        "p_success": mcnemar(this, other),
         **{f"{name}_s": value for name, value in with_interval("time_difference", gap).items()},
     }
 

@@ -334,21 +334,21 @@ def compared(rows: Sequence[Row], others: Sequence[Row]) -> Row:
 
     touched = paired(rows, others, "collision"), paired(others, rows, "collision")
     nearer = paired(rows, others, "clearance") - paired(others, rows, "clearance")
-    line = against(rows, others) | {"touch_p_value": mcnemar(*touched)}
+    line = against(rows, others) | {"p_touch": mcnemar(*touched)}
     interval = with_interval("clearance_difference", nearer)
     line |= {f"{name}_m": value for name, value in interval.items()}
     gap = paired(rows, others, "success_time") - paired(others, rows, "success_time")
     gap = gap[np.isfinite(gap) & (gap != 0.0)]
-    line["time_p_value"] = float(wilcoxon(gap).pvalue) if len(gap) else 1.0
+    line["p_time"] = float(wilcoxon(gap).pvalue) if len(gap) else 1.0
     return line | {"finding": finding(line)}
 
 
 def finding(line: Row) -> str:
     """Say how a controller stands to the baseline: success first, then time, at `CHANCE`."""
-    if line["p_value"] < CHANCE:
+    if line["p_success"] < CHANCE:
         fewer = line["only_baseline"] > line["only_this"]
         return "arrives less often" if fewer else "arrives more often"
-    if line["time_p_value"] < CHANCE:
+    if line["p_time"] < CHANCE:
         return "slower" if line["time_difference_s"] > 0.0 else "faster"
     return "no difference shown"
 

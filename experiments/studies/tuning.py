@@ -51,8 +51,8 @@ class Tuning(OnePlaceStudy):
     }
     headline: ClassVar[tuple[str, ...]] = ("clearance_median_m", "time_median_s", "success")
     printed: ClassVar[tuple[str, ...]] = (
-        *("value", "episodes", "success", "collision", "time_median_s", "clearance_median_m"),
-        *("time_difference_s", "p_value", "pareto", "judged_outcome", "errors"),
+        *("value", "episodes", "success", "p_success", "collision", "time_median_s"),
+        *("time_difference_s", "clearance_median_m", "pareto", "judged_outcome", "errors"),
     )
 
     planner: Controller

@@ -194,11 +194,26 @@ def apply(config: dict[str, Any], override: str) -> None:
     >>> config
     {'region': {'type': 'ellipse', 'tail': 0.1}}
     """
+    assign(config, *parsed(override))
+
+
+def parsed(override: str) -> tuple[str, Any, str]:
+    """Return key and value of an override, and the place that messages name.
+
+    Raises
+    ------
+    WideberthError : no ``=``, or an empty key.
+
+    Examples
+    --------
+    >>> parsed("region.tail=0.1")
+    ('region.tail', 0.1, "--set 'region.tail=0.1'")
+    """
     key, equals, text = override.partition("=")
-    if not equals or not all(key.strip().split(".")):
-        raise WideberthError(f"--set {short(override)}: wanted KEY=VALUE, as in region.tail=0.1")
     where = f"--set {short(override)}"
-    assign(config, key.strip(), parse(text, where), where)
+    if not equals or not all(key.strip().split(".")):
+        raise WideberthError(f"{where}: wanted KEY=VALUE, as in region.tail=0.1")
+    return key.strip(), parse(text, where), where
 
 
 def assign(config: dict[str, Any], key: str, value: Any, where: str) -> None:

@@ -323,3 +323,27 @@ def test_a_result_called_config_is_shown(shell) -> None:  # type: ignore[no-unty
     assert shell("run", "coins.yaml", "--out", "results/config")[0] == 0
     code, out, _ = shell("show", "config")
     assert code == 0 and "A coin falls on either side equally often." in out
+
+
+def test_a_new_config_is_a_shipped_one_with_its_comments(shell) -> None:  # type: ignore[no-untyped-def]
+    code, out, _ = shell("new", "my_study", "--from", "approximation_error")
+    assert code == 0 and "wideberth run my_study.yaml --quick" in out
+    text = Path("my_study.yaml").read_text()
+    assert text == shell("show", "config", "approximation_error")[1] and text.startswith("#")
+    code, _, error = shell("new", "my_study.yaml", "--from", "crossing")
+    assert code == 2 and "my_study.yaml exists and is not replaced" in error
+    assert Path("my_study.yaml").read_text() == text
+    code, _, error = shell("new", "other", "--from", "crosing")
+    assert code == 2 and "encounter: blind_corner, chicken_game, crossing" in error
+    assert "did you mean 'crossing'" in error.splitlines()[-1]
+    assert not Path("other.yaml").exists()
+    assert shell("run", "my_study.yaml", "--quick", "--no-figures")[0] == 0
+    assert Path("results/my_study-quick/table.csv").is_file()
+
+
+def test_configs_are_listed_by_their_studies(shell) -> None:  # type: ignore[no-untyped-def]
+    lines = shell("list", "configs")[1].splitlines()
+    heads = [line for line in lines if not line.startswith(" ")]
+    assert "encounter:" in heads and heads[-1] == "one config each:"
+    first = {line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "}
+    assert first == {*shipped()}

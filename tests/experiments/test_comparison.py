@@ -135,7 +135,7 @@ def test_lines_are_paired_with_the_baseline(gate: Comparison, rows: list[Row]) -
     for line in (slow, fast):
         assert line["success"] == line["collision"] == 0.5
         assert line["success_low"] == pytest.approx(0.0676, abs=1e-4)
-        assert line["p_value"] == 1.0 and line["only_this"] == line["only_baseline"] == 0
+        assert line["p_success"] == 1.0 and line["only_this"] == line["only_baseline"] == 0
     assert slow["time_difference_s"] == 0.0 and fast["time_difference_s"] == -4.75
     assert fast["time_difference_low_s"] == fast["time_difference_high_s"] == -4.75
     assert slow["time_mean_s"] == 9.5 and slow["time_penalised_s"] == 0.5 * (9.5 + 30.0)

@@ -135,9 +135,9 @@ def test_differences_are_paired_by_start():
     ours = [{"rate": 0.1 * k, "block": f"eth {k}"} for k in range(20)]
     rows = [{**one, "rate": one["rate"] + 0.02} for one in ours]
     found = compared(rows, ours)
-    assert found["difference"] == pytest.approx(0.02) and found["p_value"] < 0.001
+    assert found["difference"] == pytest.approx(0.02) and found["p_difference"] < 0.001
     assert found["difference_low"] == pytest.approx(0.02)
-    assert compared(rows[:1], ours[:1])["p_value"] == 1.0
+    assert compared(rows[:1], ours[:1])["p_difference"] == 1.0
 
 
 def test_quick_run(tmp_path):
@@ -154,7 +154,7 @@ def test_quick_run(tmp_path):
         assert line["starts"] == len(STARTS["plaza"]) == line["arrivals"] + line["timeouts"]
         assert line["hits"] == sum(line[kind] for kind in ("newcomers", "standing", "own"))
         assert line["unavoidable"] <= line["hits"] or line["timeouts"]
-    assert lines[-1]["difference"] == 0.0 and lines[-1]["p_value"] == 1.0
+    assert lines[-1]["difference"] == 0.0 and lines[-1]["p_difference"] == 1.0
 
 
 @pytest.mark.parametrize("name", ["fcp_soft_published", "fcp_soft", "fcp_hard"])

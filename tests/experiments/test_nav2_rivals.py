@@ -172,15 +172,15 @@ def rows(times: list[float]) -> list[dict[str, object]]:
 def test_differences_are_named_beyond_chance_alone() -> None:
     base = rows([10.0 + 0.1 * i for i in range(9)])
     slower = compared(rows([11.0 + 0.2 * i for i in range(9)]), base)
-    assert slower["time_p_value"] == pytest.approx(2.0 / 2**9)  # all nine of one sign, exact
+    assert slower["p_time"] == pytest.approx(2.0 / 2**9)  # all nine of one sign, exact
     assert slower["finding"] == "slower"
     few = compared(rows([11.0 + 0.2 * i for i in range(7)]), base[:7])
-    assert few["time_p_value"] == pytest.approx(2.0 / 2**7)
+    assert few["p_time"] == pytest.approx(2.0 / 2**7)
     assert few["finding"] == "no difference shown"
     lost = compared(rows([np.nan] * 8 + [10.8]), base)
-    assert lost["p_value"] == pytest.approx(2.0 / 2**8) and lost["time_p_value"] == 1.0
+    assert lost["p_success"] == pytest.approx(2.0 / 2**8) and lost["p_time"] == 1.0
     assert lost["finding"] == "arrives less often"
-    assert lost["touch_p_value"] == lost["p_value"] and slower["touch_p_value"] == 1.0
+    assert lost["p_touch"] == lost["p_success"] and slower["p_touch"] == 1.0
     assert lost["clearance_difference_m"] == pytest.approx(-0.2 * 8 / 9)
     assert compared(base, rows([np.nan] * 8 + [10.8]))["finding"] == "arrives more often"
     assert finding({**slower, "time_difference_s": -1.0}) == "faster"

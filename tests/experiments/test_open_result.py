@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 import wideberth
+from wideberth.experiments import open_result
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.engine.result import UnknownName, open_result
+from wideberth.experiments.engine.result import UnknownName
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.player_samples import episode
 
@@ -109,7 +110,7 @@ def test_columns_and_pivots(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "│ kalman" in capsys.readouterr().out
     assert not shown(folder, "--pivot", "collision,predictor,clearance", "--markdown")
     printed = capsys.readouterr()  # the seed without a clearance is not left out of its mean
-    assert "| False | 1 | nan |" in printed.out and "| True | 3 | nan |" in printed.out
+    assert "| False | 1 | \u2013 |" in printed.out and "| True | 3 | \u2013 |" in printed.out
     assert printed.err == "each cell is the mean of up to 2 lines of table.csv\n"
 
 

@@ -59,7 +59,7 @@ def test_the_first_pair_is_ours_of_the_comparison(shipped: PlannerParts, tmp_pat
     lines = small.summary(result.rows)
     first = lines[0]["predictor"], lines[0]["region"]
     assert first == ("constant_velocity", "mahalanobis_ellipse")
-    assert len(lines) == 4 and lines[0]["p_value"] == 1.0
+    assert len(lines) == 4 and lines[0]["p_success"] == 1.0
     names = {path.name for path in draw(tmp_path)}
     assert names == {"planner_parts.png", "planner_parts.pdf"}
 

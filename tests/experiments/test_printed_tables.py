@@ -8,7 +8,7 @@ import pytest
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.column_descriptions import column_descriptions, shares
 from wideberth.experiments.engine.csv_tables import write_table
-from wideberth.experiments.engine.extract import aligned
+from wideberth.experiments.engine.extract import aligned, extract, latex_text, markdown_text
 from wideberth.experiments.engine.text_tables import main_columns, print_table
 from wideberth.experiments.report.tables import html_table
 from wideberth.experiments.studies.comparison import Comparison
@@ -36,12 +36,65 @@ def test_a_comparison_prints_what_answers_its_question() -> None:
     assert len(rows[0]) > 30
     found = main_columns(rows, Comparison.printed)
     assert found == [
-        "scenario", "controller", "episodes", "success", "collision", "time_mean_s",
-        "clearance_median_m", "intrusion_share", "time_difference_s", "p_value",
+        "scenario", "controller", "episodes", "success", "p_success", "collision", "time_mean_s",
+        "time_difference_s", "clearance_median_m", "intrusion_share",
     ]  # fmt: skip
-    rows[1]["errors"] = "KeyError 2"
-    assert main_columns(rows, Comparison.printed)[-1] == "errors"  # said where there are any
-    assert main_columns(rows, ()) == list(rows[0])
+    rows[1] |= {"errors": "KeyError 2", "success": 0.5, "p_success": 0.25}
+    found = main_columns(rows, Comparison.printed)  # nine: what does not differ is left out
+    assert found == ["scenario", "controller", "success", "p_success", "errors"]
+
+
+def test_a_study_that_names_no_columns_prints_what_differs() -> None:
+    rows = condensed_rows()
+    assert main_columns(rows[:1], ()) == list(rows[0])  # a single line stands on its side
+    rows[1] |= {"success": 0.5, "frozen": 0.5}
+    assert main_columns(rows, ()) == ["scenario", "controller", "success", "frozen"]
+    rows[1] |= {name: 7.0 for name in rows[0] if isinstance(rows[0][name], float)}
+    many = main_columns(rows, ())
+    assert len(many) == 2 + 8 and set(many) <= set(rows[0])
+
+
+def test_the_digits_of_a_column_follow_its_interval(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("{type: comparison}\n")
+    line = {"controller": "ours", "success": 0.973333, "time_mean_s": 12.34567}
+    rows = [
+        line | {"success_low": low, "success_high": 0.99, "time_difference_s": 1.23456,
+                "time_difference_low_s": 1.2, "time_difference_high_s": 1.27}
+        for low in (0.9, 0.93)
+    ]  # fmt: skip
+    write_table(tmp_path / "summary.csv", rows)
+    columns = ["success", "time_mean_s", "time_difference_s", "time_difference_low_s"]
+    *_, last, _, _ = latex_text(extract(tmp_path, columns)).splitlines()
+    assert last == r"97.3 & 12.35 & 1.235 & 1.2 \\"
+
+
+def test_units_stand_above_a_pivot_too(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("{type: comparison}\n")
+    rows = [{"speed_mps": v, "delay_s": d, "success": 0.5} for v in (0.5, 1.0) for d in (0.1, 0.2)]
+    write_table(tmp_path / "summary.csv", [*rows[:3]])
+    found = extract(tmp_path, pivot=("speed_mps", "delay_s", "success"))
+    assert markdown_text(found).splitlines() == [
+        "success (%)", "", "| speed (m/s) | 0.1 s | 0.2 s |", "| --: | --: | --: |",
+        "| 0.5 | 50 | 50 |", "| 1 | 50 | \u2013 |",
+    ]  # fmt: skip
+    assert r" & \multicolumn{2}{c}{success (\%)} \\" in latex_text(found)
+
+
+def test_what_a_column_means_is_one_command_away(capsys: pytest.CaptureFixture[str]) -> None:
+    def printed(*words: str) -> str:
+        with pytest.raises(SystemExit):
+            cli.main(["show", *words])
+        captured = capsys.readouterr()
+        return captured.out + captured.err
+
+    assert "p_success (comparison" in printed("column", "p_success")
+    assert "McNemar" in printed("column", "p_success")
+    assert printed("column", "time_ratio").startswith("time_ratio")
+    assert "did you mean 'success'" in printed("column", "sucess")
+    assert "none was named" in printed("column")
+    for name in condensed_rows()[0]:
+        if name not in ("scenario", "controller"):
+            assert printed("column", name).startswith(name)
 
 
 @pytest.mark.parametrize("study", names("experiments"))
@@ -75,7 +128,7 @@ def test_shares_are_printed_in_per_cent_and_counts_as_counts(
         line.split("│")[1:-1] for line in capsys.readouterr().out.splitlines() if "ours" in line
     ]
     assert [[cell.strip() for cell in line] for line in cells] == [
-        ["ours", "100 %", "1", "95.3 %", "1"], ["ours", "nan", "1", "100 %", "1"],
+        ["ours", "100 %", "1", "95.3 %", "1"], ["ours", "\u2013", "1", "100 %", "1"],
     ]  # fmt: skip
 
 

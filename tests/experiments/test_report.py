@@ -157,7 +157,7 @@ def test_table_holds_all_digits_for_sorting_and_headers_for_readers() -> None:
     ]
     found = Page(html_table(rows, "caption"))
     assert found.cells[:5] == ["planner", "share", "won", "x", "late"]
-    assert found.cells[5:] == ["a", "0.3333", "yes", "NaN", "", "b", "", "no", "", "2"]
+    assert found.cells[5:] == ["a", "0.3333", "yes", "\u2013", "", "b", "", "no", "", "2"]
     assert found.values("td", "data-value") == [repr(1 / 3), "1.0", "nan", "0.0", "2.0"]
     assert found.values("th", "scope") == ["col"] * 5
     assert [tag for tag, _ in found.tags].count("button") == 5  # reached by the keyboard

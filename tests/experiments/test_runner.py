@@ -122,7 +122,9 @@ def test_the_folder_may_be_a_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("given", ["crossing", Path("a"), ({}, [])])
 def test_what_is_no_experiment_is_refused(given: Any, tmp_path: Path) -> None:
-    with pytest.raises(WideberthError, match=r"run takes an Experiment, and .* was given; read a"):
+    with pytest.raises(
+        WideberthError, match=r"takes an Experiment, and .* given; .wideberth.run. takes"
+    ):
         run(given, tmp_path / "a")
     assert not (tmp_path / "a").exists()
 

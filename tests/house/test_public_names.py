@@ -1,13 +1,16 @@
 """Public names: listed in one table each, imported late, known to editors, and spelt right."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections import defaultdict
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
+from wideberth.framework.plugins.lazy import PACKAGES
 from wideberth.tests.house.stubs import FACES, stubs
 from wideberth.tests.house.test_imports import ROOMS, ROOT, parsed
 
@@ -55,6 +58,30 @@ def test_a_name_that_is_nowhere_near_gets_none(code: str) -> None:
         exec(code, {})
     assert "did you mean" not in str(refused.value)
     assert not hasattr(import_module("wideberth"), "predictorz")
+
+
+SHOWN = sorted(
+    path
+    for pattern in (
+        "README.md",
+        "docs/*.md",
+        "docs/tutorials/*.py",
+        "docs/gallery/*.py",
+        "examples/**/*.py",
+    )
+    for path in ROOT.glob(pattern)
+)
+IMPORT = re.compile(r"(?:from|import) (wideberth(?:\.\w+)*)(?: import (\([^)]*\)|[^\n`]*))?")
+
+
+@pytest.mark.parametrize("path", SHOWN, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_what_readers_copy_imports_from_the_rooms(path: Path) -> None:
+    """A name deeper inside is nothing that a page may promise."""
+    for module, named in IMPORT.findall(path.read_text(encoding="utf-8")):
+        assert module.count(".") <= 1, f"offer it as a name of {module.rpartition('.')[0]}"
+        offered = PACKAGES[module] if named else {}
+        for name in re.findall(r"\w+", re.sub(r" as \w+", "", named)):
+            assert name in offered, f"{name} is no public name of {module}"
 
 
 def test_no_public_class_has_the_name_of_another() -> None:
