@@ -7,9 +7,8 @@ from typing import final
 
 import numpy as np
 
-from ..framework.tracking.recordings import OFF_GRID, Recording, unusable
-from ..framework.tracking.resampling import MOST_CELLS, interpolated
-from ..framework.values.arrays import Array, positive, whole
+from ..framework.tracking.recordings import Recording, gridded
+from ..framework.values.arrays import Array, positive
 from ..framework.values.errors import WideberthError
 from .bag import Bag, Timed, read_bag
 from .decoding import OBSTACLES, ObstaclesMessage, OdometryMessage
@@ -60,9 +59,6 @@ def read_bag_tracks(
     WideberthError : no such recording, topic or frame, or no tracks in it.
     """
     positive("dt", dt)
-    positive("bridge", bridge)
-    whole("minimum_samples", minimum_samples)
-    positive("longest_gap", longest_gap)
     bag = read_bag(path)
     chosen, others = _chosen(bag, topic)
     fixed = bag.fixed_frame(chosen) if frame is None else frame
@@ -74,7 +70,15 @@ def read_bag_tracks(
     notes += [f"topics that could be used instead: {', '.join(others)}"] if others else []
     sizes = sorted(found.radii)
     notes += [f"radii in it: {sizes[0]:.3g} to {sizes[-1]:.3g} m"] if sizes else []
-    return _gridded(found, dt, bridge, minimum_samples, longest_gap, (*notes, *bag.notes))
+    return gridded(
+        found.times,
+        found.places,
+        dt,
+        bridge=bridge,
+        minimum_samples=minimum_samples,
+        longest_gap=longest_gap,
+        notes=(*notes, *bag.notes, *found.notes),
+    )
 
 
 def _chosen(bag: Bag, topic: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -149,25 +153,3 @@ def _poses(bag: Bag, rows: tuple[Timed, ...], fixed: str, lost: dict[str, int]) 
             what = f"messages at times at which no motion from {name!r} to {fixed!r} is known"
             lost[what] = lost.get(what, 0) + unknown
     return found
-
-
-def _gridded(
-    found: _Samples, dt: float, bridge: float, minimum: int, longest: float, notes: tuple[str, ...]
-) -> Recording:
-    """Resample all identities to one grid."""
-    times, places = [], []
-    for ident in found.times:
-        clock, first = np.unique(np.array(found.times[ident]), return_index=True)
-        times.append(clock)
-        places.append(np.array(found.places[ident])[first])
-    start, end = min(one[0] for one in times), max(one[-1] for one in times)
-    rows = (end - start) / dt + 1.0
-    if rows * len(times) > MOST_CELLS:
-        raise WideberthError(
-            f"{len(times)} tracks over {end - start:g} s in steps of {dt:g} s are more than "
-            f"{MOST_CELLS} samples; choose a longer dt"
-        )
-    grid = start + dt * np.arange(int(rows + OFF_GRID))
-    positions = interpolated(times, places, grid, bridge, OFF_GRID)
-    reasons = tuple(unusable(track, dt, minimum, longest) for track in positions)
-    return Recording(dt, grid, tuple(found.times), positions, reasons, (*notes, *found.notes))

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...framework import Path, WideberthError
 from ...framework.plugins.registry import unknown
+from ...framework.tracking.jrdb import odometry_file, read_jrdb
 from ...framework.tracking.recordings import (
     ROBOT_COLUMNS,
     TRACK_COLUMNS,
@@ -17,12 +18,15 @@ from ...framework.tracking.recordings import (
     read_rows,
     read_tracks,
 )
+from ...framework.tracking.thor_magni import is_thor_magni, read_thor_magni
 from ...framework.values.arrays import Array, positive, whole
 from ...ros.bag_file import is_bag, storage_files
 from ...ros.bag_tracks import read_bag_tracks
 from ...simulation.engine.agents import ReplayAgent
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+Kind: TypeAlias = Literal["auto", "tracks", "robot-log", "thor-magni", "jrdb"]
+"""Of a file, see `TrackFile`."""
 
 DATA = File(__file__).resolve().parents[1] / "data"
 SHIPPED = "shipped:"
@@ -43,22 +47,25 @@ class TrackFile:
 
     Parameters
     ----------
-    path : of a text file, or of a recording of ROS 2 (a folder of rosbag2, or its .mcap or .db3;
-        extra ``bags``), relative to the working folder; ``shipped:crowd.txt`` and
-        ``shipped:robot.txt`` are the synthetic recordings that come with the package.
-    dt : s. Of ``frame id x y`` the time between rows, which the file does not hold; a log of
-        ``time x y theta`` and a recording of ROS 2 are resampled to it.
+    path : of a text file, of a file of THÖR-MAGNI or of JRDB as published, or of a recording of
+        ROS 2 (a folder of rosbag2, or its .mcap or .db3; extra ``bags``), relative to the working
+        folder; ``shipped:crowd.txt`` and ``shipped:robot.txt`` are the synthetic recordings that
+        come with the package.
+    dt : s. Of ``frame id x y`` the time between rows, which the file does not hold; all others
+        are resampled to it.
     frames_per_row : frame numbers between rows; by default the smallest step within a track.
-    kind : "tracks" (``frame id x y``), "robot-log" (``time x y theta``) or "bag", a recording of
-        ROS 2, which "auto" knows by its files. The first two have four columns. "auto" goes by a
-        header, as a comment or not, if there is one. Otherwise it takes a file for a robot log
-        if a value of its first column has a fraction; or if the first column increases from each
-        row to the next and a value of the second column has one. Frames and identities are whole
-        numbers or names, and several people share a frame. A log in whole seconds of a robot that
-        stays at whole metres is mistaken: state its kind.
+    kind : "tracks" (``frame id x y``), "robot-log" (``time x y theta``), "thor-magni" (a CSV of
+        that dataset, which "auto" knows by its header), "jrdb" (labels_3d of that one, a .json) or
+        "bag", a recording of ROS 2, known by its files. The first two have four columns: "auto"
+        goes by a header, as a comment or not, if there is one. Otherwise it takes a file for a
+        robot log if a value of its first column has a fraction; or if the first column increases
+        from each row to the next and a value of the second column has one. Frames and identities
+        are whole numbers or names, and several people share a frame. A log in whole seconds of a
+        robot that stays at whole metres is mistaken: state its kind.
     radius : m, of a recorded body (0.3 m: a person).
     minimum_samples : samples that a usable track has in a row.
     topic : of a recording of ROS 2; see `wideberth.ros.bag_tracks.read_bag_tracks`.
+    odometry : of JRDB; see `wideberth.framework.tracking.jrdb.read_jrdb`.
 
     Raises
     ------
@@ -68,10 +75,11 @@ class TrackFile:
     path: str = f"{SHIPPED}crowd.txt"
     dt: float = 0.4
     frames_per_row: int | None = None
-    kind: Literal["auto", "tracks", "robot-log", "bag"] = "auto"
+    kind: Kind | Literal["bag"] = "auto"
     radius: float = 0.3
     minimum_samples: int = 8
     topic: str | None = None
+    odometry: str | None = None
 
     def __post_init__(self) -> None:
         positive("tracks.dt", self.dt)
@@ -103,7 +111,26 @@ class TrackFile:
 
     def files(self) -> list[File]:
         """Return all files that are read."""
-        return storage_files(self.file) if self.is_bag else [self.file]
+        if self.is_bag:
+            return storage_files(self.file)
+        others = [] if self.odometry is None else [odometry_file(self.file, self.odometry)]
+        return [self.file, *others]
+
+    def _read(self) -> Recording:
+        """Read the file as what it is."""
+        few = self.minimum_samples
+        if self.is_bag:
+            return read_bag_tracks(self.file, self.dt, topic=self.topic, minimum_samples=few)
+        kind = guess_kind(self.file) if self.kind == "auto" else self.kind
+        if kind == "thor-magni":
+            return read_thor_magni(self.file, self.dt, minimum_samples=few)
+        if kind == "jrdb":
+            return read_jrdb(self.file, self.dt, odometry=self.odometry, minimum_samples=few)
+        if kind == "robot-log":
+            return read_robot_log(self.file, self.dt, minimum_samples=few)
+        return read_tracks(
+            self.file, dt=self.dt, frames_per_row=self.frames_per_row, minimum_samples=few
+        )
 
     def read(self) -> Recording:
         """Read the file.
@@ -112,22 +139,18 @@ class TrackFile:
         ------
         WideberthError : as the readers, and when no track is usable.
         """
-        few = self.minimum_samples
-        if self.is_bag:
-            recording = read_bag_tracks(self.file, self.dt, topic=self.topic, minimum_samples=few)
-        elif (guess_kind(self.file) if self.kind == "auto" else self.kind) == "robot-log":
-            recording = read_robot_log(self.file, self.dt, minimum_samples=few)
-        else:
-            recording = read_tracks(
-                self.file, dt=self.dt, frames_per_row=self.frames_per_row, minimum_samples=few
-            )
+        recording = self._read()
         if not recording.usable:
             raise WideberthError(f"{self.file} holds no person to cross: {recording.report()}")
         return recording
 
 
-def guess_kind(file: File) -> Literal["tracks", "robot-log"]:
-    """Tell the two formats apart by their header or their numbers; see `TrackFile`."""
+def guess_kind(file: File) -> Kind:
+    """Tell the formats apart by their ending, header or numbers; see `TrackFile`."""
+    if file.suffix == ".json":
+        return "jrdb"
+    if is_thor_magni(file):
+        return "thor-magni"
     named = named_columns(file)
     if len(named) == len(TRACK_COLUMNS):
         return "robot-log" if named == ROBOT_COLUMNS else "tracks"

@@ -8,9 +8,10 @@ from typing import Literal, final
 import numpy as np
 
 from ...framework import Tracks, WideberthError
+from ...framework.tracking.jrdb import ROBOT_FRAME
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
-from .crowd import DATA, SHIPPED, TrackFile
+from .crowd import DATA, SHIPPED, Kind, TrackFile
 
 STOOD = 0.1
 """m/s; who is slower stands."""
@@ -55,7 +56,7 @@ class SceneFiles:
 @final
 @dataclass(frozen=True)
 class PredictionData:
-    """A folder of recordings: `frame id x y`, or logs of one robot, `time x y theta`.
+    """A folder of recordings: `frame id x y`, logs of one robot, THÖR-MAGNI or JRDB.
 
     Parameters
     ----------
@@ -65,11 +66,12 @@ class PredictionData:
         the named files all must be there (see `found`); in a folder that holds none of them,
         every file that fits ``pattern`` is a primary scene, named after the file.
     pattern : of the names of files in a folder, as in a shell.
-    dt : s between rows (which ``frame id x y`` does not tell); logs are resampled to it.
+    dt : s between rows (which ``frame id x y`` does not hold); all others are resampled to it.
     kind : of all files, or "auto"; see `wideberth.experiments.studies.crowd.TrackFile`.
     radius : m, of an obstacle.
     noise : m, standard deviation of a recorded position; by default each recording's own,
         estimated from all of it (`Recording.noise`).
+    odometry : of JRDB, a folder; see `wideberth.framework.tracking.jrdb.read_jrdb`.
 
     Raises
     ------
@@ -80,9 +82,10 @@ class PredictionData:
     scenes: dict[str, SceneFiles] = field(default_factory=dict)
     pattern: str = "*.txt"
     dt: float = 0.4
-    kind: Literal["auto", "tracks", "robot-log"] = "auto"
+    kind: Kind = "auto"
     radius: float = 0.3
     noise: float | None = None
+    odometry: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("dt", "radius"):
@@ -146,7 +149,7 @@ class PredictionData:
             raise WideberthError(
                 f"data.root: {self.folder} holds no file {self.pattern!r}; wanted recordings of "
                 "rows `frame id x y` or `time x y theta`; to read files of other names set "
-                "data.pattern, as in '*.csv'"
+                "data.pattern, as in --set 'data.pattern=\"*.csv\"' (with both quotes)"
             )
         return files
 
@@ -170,15 +173,24 @@ class PredictionData:
         WideberthError : as the readers.
         """
         return [
-            TrackFile(str(path), self.step(scene), None, self.kind, self.radius, 1).read()
+            TrackFile(
+                str(path),
+                self.step(scene),
+                kind=self.kind,
+                radius=self.radius,
+                minimum_samples=1,
+                odometry=self.odometry,
+            ).read()
             for path in self.paths(scene)
         ]
 
     def noise_text(self, recordings: Sequence[Recording]) -> str:
-        """Say how noisy the positions of some recordings are taken to be."""
+        """Say how noisy the positions of some recordings are taken to be, and if a robot's."""
+        texts = [recording.noise.text for recording in recordings]
         if self.noise is not None:
-            return f"measurement noise stated as {self.noise:g} m"
-        return "; ".join(recording.noise.text for recording in recordings)
+            texts = [f"measurement noise stated as {self.noise:g} m"]
+        theirs = any(ROBOT_FRAME in recording.notes for recording in recordings)
+        return "; ".join([*texts, *[ROBOT_FRAME] * theirs])
 
     def whole(self, recording: Recording) -> Tracks:
         """Return a whole recording as tracks, NaN where unobserved."""

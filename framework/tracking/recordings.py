@@ -1,7 +1,7 @@
 """Readers of recorded tracks and robot logs in plain text."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..plugins.io import read_bytes
 from ..values.arrays import Array, checked, positive, whole
@@ -325,6 +326,51 @@ class Recording:
     def truth(self) -> Truth:
         """Return the whole recording as the future for the oracle; NaN where unobserved."""
         return Truth(self.times, dict(zip(self.ids, self.positions, strict=True)))
+
+
+def gridded(
+    times: Mapping[str, ArrayLike],
+    places: Mapping[str, ArrayLike],
+    dt: float,
+    *,
+    bridge: float,
+    minimum_samples: int,
+    longest_gap: float,
+    notes: Sequence[str] = (),
+) -> Recording:
+    """Resample all tracks to one grid, which starts at the first sample of all.
+
+    Parameters
+    ----------
+    times : s, by identity, on one clock; of samples at the same time the first counts.
+    places : of each (T, D), m.
+    dt, bridge, minimum_samples, longest_gap : as in `read_robot_log`.
+    notes : of the recording.
+
+    Raises
+    ------
+    WideberthError : numbers that are not above 0, or more than `MOST_CELLS` samples.
+    """
+    positive("dt", dt)
+    positive("bridge", bridge)
+    whole("minimum_samples", minimum_samples)
+    positive("longest_gap", longest_gap)
+    clocks, tracks = [], []
+    for ident, own in times.items():
+        clock, first = np.unique(np.array(own), return_index=True)
+        clocks.append(clock)
+        tracks.append(np.array(places[ident])[first])
+    start, end = min(one[0] for one in clocks), max(one[-1] for one in clocks)
+    rows = (end - start) / dt + 1.0
+    if rows * len(clocks) > MOST_CELLS:
+        raise WideberthError(
+            f"{len(clocks)} tracks over {end - start:g} s in steps of {dt:g} s are more than "
+            f"{MOST_CELLS} samples; choose a longer dt"
+        )
+    grid = start + dt * np.arange(int(rows + OFF_GRID))
+    positions = interpolated(clocks, tracks, grid, bridge, OFF_GRID)
+    reasons = tuple(unusable(track, dt, minimum_samples, longest_gap) for track in positions)
+    return Recording(dt, grid, tuple(times), positions, reasons, tuple(notes))
 
 
 def read_tracks(
