@@ -80,6 +80,7 @@ def test_a_page_has_examples_in_languages_that_are_checked() -> None:
 def test_python_on_a_page_runs(page: str, folder: Path) -> None:
     needed = {"docs/gymnasium.md": "gymnasium", "docs/results.md": "pandas"}
     needed |= {"docs/physics.md": "mujoco", "docs/ros.md": "rosbags"}
+    needed |= {"docs/recordings.md": "pyarrow"}
     if library := needed.get(page):
         pytest.importorskip(library)
     script = "\n".join([BEFORE.get(page, ""), *blocks(page, "python")])
