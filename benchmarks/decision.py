@@ -129,7 +129,6 @@ class Drive:
         self._plant.command(command, self._now)
         self._plant.advance(self._now, PERIOD)
         self._walk()
-        assert self.planner.plan is not None
         return taken, (command, self.planner.plan)
 
     @property

@@ -171,7 +171,6 @@ class Run:
             gaps = self.field.gaps(np.array(self.plant.position), self.robot.radius)
             self.gap[k] = min(self.gap[k], gaps.min())
         plan = self.planner.plan
-        assert plan is not None
         self.ends[str(plan.rung), str(plan.status), shape(plan.reason)] += 1
         if (k + 1) % round(ROUND / PERIOD) == 0:
             self.memory[(k + 1) // round(ROUND / PERIOD)] = resident()

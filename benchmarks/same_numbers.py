@@ -192,7 +192,6 @@ def _drive(planner: Planner, seen: int) -> Iterator[tuple[Command, Plan]]:
             planner.remember(view)
             continue
         command = planner.command(view)
-        assert planner.plan is not None
         yield command, planner.plan
         plant.command(command, period * k)
         plant.advance(period * k, period)

@@ -94,7 +94,7 @@ class Policy(Controller):
         return command
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None: there is no horizon."""
         return None
 

@@ -187,7 +187,7 @@ class Reactive(Controller):
                 self.prepare()
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None: there is no horizon."""
         return None
 

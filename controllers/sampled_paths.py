@@ -208,7 +208,7 @@ class SampledController(Controller, ABC):
         self._path = checked_path(self.robot, path)
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None: the paths hold no obstacles."""
         return None
 

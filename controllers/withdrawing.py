@@ -154,9 +154,9 @@ class Withdrawing(Controller):
             return progress, DeadlockResolver()
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """The other controller's plan; its reason says where the robot withdraws to."""
-        return noted(self.controller.plan, self._memory.known.note)
+        return noted(self.controller.last_plan, self._memory.known.note)
 
     def _follow(self, way: Path, *, away: bool) -> None:
         """Hand a way to the other controller, if it is another one than before.

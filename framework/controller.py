@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, Protocol, TypeVar, cast, runtime_checkable
+from typing import Any, Protocol, TypeVar, cast, final, runtime_checkable
 
 import numpy as np
 
@@ -77,8 +77,25 @@ class Controller(ABC):
 
     @property
     @abstractmethod
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """The plan behind the last command; None before the first, or without a horizon."""
+
+    @property
+    @final
+    def plan(self) -> Plan:
+        """The plan behind the last command.
+
+        Raises
+        ------
+        WideberthError : there is none, see `last_plan`.
+        """
+        plan = self.last_plan
+        if plan is None:
+            raise WideberthError(
+                f"{type(self).__name__} has no plan: a planner has one after its first command, a "
+                "controller that does not plan ahead never; where there may be none, use last_plan"
+            )
+        return plan
 
 
 @runtime_checkable

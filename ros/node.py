@@ -453,7 +453,7 @@ class PlannerNode:
             self._decided, self._based = self._clock(), seen.stamp
             self._command = np.array([*command.linear, command.omega], dtype=np.float64)
             if self._wanted is not None:
-                self._wanted.aim(command, self._decided, self.controller.plan)
+                self._wanted.aim(command, self._decided, self.controller.last_plan)
 
     def _check_spin(self, turn: SpinGoal, seen: list[Observation]) -> None:
         """Let a robot turn whose corners sweep over a disc, if nothing blocks that."""
@@ -672,7 +672,7 @@ class PlannerNode:
 
     def publish_plan(self) -> None:
         """Publish the last plan and what it keeps out of, where a topic has subscribers."""
-        plan: Plan | None = self.controller.plan
+        plan: Plan | None = self.controller.last_plan
         if plan is None or self._own.newest is None:
             return
         encoder = MessageEncoder(

@@ -327,9 +327,9 @@ class AroundCrowds(Controller):
         return self.controller.command(observation)
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """The other controller's plan; its reason says where it goes around a crowd."""
-        return noted(self.controller.plan, self._memory.note)
+        return noted(self.controller.last_plan, self._memory.note)
 
     def _look(self, observation: Observation) -> None:
         """Look at the crowd, and from time to time for a way."""

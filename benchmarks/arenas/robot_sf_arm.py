@@ -78,7 +78,7 @@ class Arm:
             begin = time.perf_counter()
             self.decided = self.decide(seen)
             self.times.append(time.perf_counter() - begin)
-            rung = str(self.planner.plan.rung) if self.planner.plan else "none"
+            rung = str(self.planner.plan.rung) if self.planner.last_plan else "none"
             self.rungs[rung] = self.rungs.get(rung, 0) + 1
         self.ticks += 1
         self.now = STEP * self.ticks

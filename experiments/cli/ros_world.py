@@ -111,7 +111,7 @@ class RemoteController(Controller):
         """Do nothing: who decides keeps what was shown."""
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None: who decides keeps it."""
         return None
 

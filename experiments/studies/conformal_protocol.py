@@ -222,6 +222,6 @@ def drive(
 
 def stood_still(controller: Controller) -> bool:
     """Whether the last command was not that of a new plan."""
-    if controller.plan is not None:
-        return controller.plan.rung not in (Rung.OPTIMAL, Rung.FEASIBLE)
+    if controller.last_plan is not None:
+        return controller.last_plan.rung not in (Rung.OPTIMAL, Rung.FEASIBLE)
     return isinstance(controller, GivesReason) and bool(controller.reason)

@@ -37,9 +37,9 @@ class WatchedController(Controller):
 
     @final
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """The controller's."""
-        return self.watched.plan
+        return self.watched.last_plan
 
 
 @final

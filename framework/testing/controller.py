@@ -123,11 +123,11 @@ class _Days:
     @law("remember leaves the plan alone")
     def check_remembering(self) -> None:
         self.controller.reset()
-        assert self.controller.plan is None, "reset leaves a plan behind; wanted None"
+        assert self.controller.last_plan is None, "reset leaves a plan behind; wanted None"
         self.controller.set_path(_line(self.robot, 10.0))
         for observation in self.ordinary[: len(self.ordinary) // 2]:
             self.controller.remember(observation)
-            assert self.controller.plan is None, "remember makes a plan; it must only take note"
+            assert self.controller.last_plan is None, "remember makes a plan; wanted a note alone"
 
     @law("odd observations")
     def check_odd(self) -> None:
@@ -174,7 +174,7 @@ class _Days:
         nowhere = np.full(self.robot.dimension, np.nan)
         lost = replace(_ahead(self.robot, 3.0), position=nowhere)
         found = self._twice(_seen(self.robot, 0.0, [lost]))[:, :-1]
-        assert self.controller.plan is None or np.abs(found).max() <= STILL, (
+        assert self.controller.last_plan is None or np.abs(found).max() <= STILL, (
             f"the robot sets out ({np.abs(found).max():.3g}) while an obstacle is seen without a "
             "place, which may be anywhere; wanted the command to stay"
         )
@@ -193,7 +193,7 @@ class _Days:
             self._begin()
             on_it = Detection("on it", 0.8 * radius * place, 1e-4 * np.eye(size), 0.3)
             command = self._asked(Observation(0.0, start, (on_it,)))
-            if self.controller.plan is None:
+            if self.controller.last_plan is None:
                 return
             fast = float(np.linalg.norm(command[:size]))
             assert fast <= max(present, LEAVING) + STILL, (

@@ -216,7 +216,7 @@ class Nav2(Controller):
         return command
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None: what a local controller expects is in `answer`."""
         return None
 

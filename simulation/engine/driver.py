@@ -128,7 +128,7 @@ class Driver:
         """
         if not self.present:
             return np.full((len(times), self.agent.robot.dimension), nan)
-        plan = self.agent.controller.plan
+        plan = self.agent.controller.last_plan
         here = np.array(self.positions[-1])
         if plan is None:
             path = self.paths[-1][1]

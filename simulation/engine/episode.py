@@ -373,14 +373,14 @@ class Run:
                 self._decide(*decision)
 
     def _decide(self, driver: Driver, tick: int, observation: Observation) -> None:
-        last = driver.agent.controller.plan
+        last = driver.agent.controller.last_plan
         observation = self._settled(driver, observation)
         begin = perf_counter()
         command = driver.decide(observation)
         seconds = perf_counter() - begin
         now = observation.stamp
         effect = now + self.settings.latency(seconds)
-        plan = driver.agent.controller.plan
+        plan = driver.agent.controller.last_plan
         seen = None if plan is None else self.world.in_world(driver, plan)
         driver.note(now, effect, command, seconds, seen)
         self._deliver(driver, command, now, effect)

@@ -349,6 +349,6 @@ class _ExternalCommand(Controller):
         return self._next
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None: the commands come from outside."""
         return None

@@ -188,7 +188,7 @@ class Repeating(Controller):
         return Command((0.0,) * self.robot.dimension) if index < 0 else self.commands[index]
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None: there is no horizon."""
         return None
 

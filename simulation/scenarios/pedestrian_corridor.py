@@ -90,9 +90,9 @@ class Swaying(Controller):
         )
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """The plan of the controller, without the noise."""
-        return self.controller.plan
+        return self.controller.last_plan
 
 
 def made_to_sway(person: RobotAgent, process_noise: float, seed: int) -> RobotAgent:

@@ -107,7 +107,7 @@ def test_wrong_use_raises_and_bad_numbers_stand_still(name):
     assert controller.command(Observation(0.1, np.full(5, np.nan))).linear == (0.0, 0.0)
     assert "the observation's state is" in controller.reason
     controller.command(Observation(0.2, state_of(Unicycle())))
-    assert controller.reason == "" and controller.plan is None
+    assert controller.reason == "" and controller.last_plan is None
     with pytest.raises(WideberthError, match="3 columns; the robot moves in 2 dimensions"):
         controller.set_path(Path(np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])))
     with pytest.raises(WideberthError, match="moves in 3 dimensions: take mpc or one of"):

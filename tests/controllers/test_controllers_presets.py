@@ -35,7 +35,7 @@ def test_parts_are_the_stated_ones(name):
     assert kinds == (predictor, region, cost)
     assert config["level"]["type"] == "fixed" and config["level"]["tail"] == tail
     assert (config["horizon"], config["dt"], config["margin"]) == (6, 0.8, 0.1)
-    assert config["static_region"]["type"] == "separating_line" and made.plan is None
+    assert config["static_region"]["type"] == "separating_line" and made.last_plan is None
 
 
 def test_without_covariance_the_region_is_the_disc():

@@ -163,7 +163,7 @@ def test_reprs_are_short(plan: Plan) -> None:
     assert len(repr(planner).splitlines()) == 9 and max(map(len, repr(planner).split("\n"))) < 130
     assert "AdaptiveConformal(" in repr(planner) and "15 steps of 0.5 s" in repr(planner)
     assert "20 steps of 0.25 s" in repr(recommended(speed=1.0, quiet=True))
-    assert planner.plan is None and "none yet" in repr(planner)
+    assert planner.last_plan is None and "none yet" in repr(planner)
     detections = tuple(Detection(f"w{i}", (i, 0.0), np.eye(2), 0.3) for i in range(30))
     lines = repr(Observation(1.5, (0, 0, 0, 0.5, 0), detections)).splitlines()
     assert lines[0] == "Observation(stamp 1.5 s, state (0, 0, 0, 0.5, 0), 30 detections)"

@@ -48,7 +48,7 @@ class Asked(Controller):
         return Command((self.speed, 0.0))
 
     @property
-    def plan(self) -> None:
+    def last_plan(self) -> None:
         return None
 
 

@@ -56,7 +56,7 @@ class Straight(Controller):
         return Command((self.speed, 0.0))
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """None."""
         return None
 

@@ -68,7 +68,7 @@ class Scripted(Controller):
         return Command((self.linear, 0.0), self.omega)
 
     @property
-    def plan(self):
+    def last_plan(self):
         return None
 
 

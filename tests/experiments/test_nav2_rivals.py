@@ -88,7 +88,7 @@ class Keeper(Controller):
         return Command((0.0, 0.0))
 
     @property
-    def plan(self) -> None:
+    def last_plan(self) -> None:
         return None
 
 

@@ -274,7 +274,7 @@ def judged(made: Controller, robot: Robot, seen: Observation) -> tuple[str, str]
     command = made.command(seen)
     if wrong := broken_limit(robot, command):
         return ("nan" if "finite" in wrong else "contract"), wrong
-    plan, reason = made.plan, str(getattr(made, "reason", ""))
+    plan, reason = made.last_plan, str(getattr(made, "reason", ""))
     if plan is not None:
         reason = plan.reason
         for name in ("states", "inputs", "positions", "level"):

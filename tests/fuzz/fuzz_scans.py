@@ -371,7 +371,7 @@ class Driven:
         decided = self.node.plan()
         if self.node.counts.failures > failed:
             return "caught", self.node.status
-        plan = self.controller.plan if decided else None
+        plan = self.controller.last_plan if decided else None
         reason = plan.reason if plan is not None else str(getattr(self.controller, "reason", ""))
         found = INSIDE.search(f"{reason}; {self.node.status}")
         return ("caught", reason[max(found.start() - 40, 0) :]) if found else ("", "")

@@ -37,7 +37,7 @@ class Pursuit(Controller):
         self.remembered.append(observation)
 
     @property
-    def plan(self):
+    def last_plan(self):
         return self._plan
 
     def command(self, observation):

@@ -25,7 +25,7 @@ class Straight(Controller):
         pass
 
     @property
-    def plan(self):
+    def last_plan(self):
         return None
 
     @property

@@ -83,8 +83,8 @@ class Slow(Controller):
         self.period, self.static_region = controller.period, controller.static_region
 
     @property
-    def plan(self) -> Plan | None:
-        return self.controller.plan  # type: ignore[no-any-return]
+    def last_plan(self) -> Plan | None:
+        return self.controller.last_plan  # type: ignore[no-any-return]
 
     def reset(self) -> None:
         self.controller.reset()

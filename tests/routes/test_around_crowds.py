@@ -69,7 +69,7 @@ class Recorder(Controller):
         return Command((0.0, 0.0))
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         return None
 
 

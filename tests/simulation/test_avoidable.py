@@ -103,7 +103,7 @@ class Blind(Controller):
         return Command((self.speed, 0.0))
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """No plan."""
         return None
 

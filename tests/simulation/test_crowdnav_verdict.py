@@ -36,7 +36,7 @@ class East(Controller):
         pass
 
     @property
-    def plan(self):
+    def last_plan(self):
         return None
 
     def command(self, observation):

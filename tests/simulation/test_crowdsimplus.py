@@ -101,7 +101,7 @@ class Scripted(Controller):
     seen: list[Observation] = field(default_factory=list)
 
     @property
-    def plan(self) -> None:
+    def last_plan(self) -> None:
         return None
 
     def reset(self) -> None:

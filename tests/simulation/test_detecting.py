@@ -33,7 +33,7 @@ class Watcher(Controller):
         self.seen.append(observation)
 
     @property
-    def plan(self):
+    def last_plan(self):
         return None
 
     def command(self, observation):

@@ -56,7 +56,7 @@ class Listening(Controller):
         return Command((self.speed, 0.0))
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """No plan: the robot is taken to drive along its path."""
         return None
 

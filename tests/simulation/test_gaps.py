@@ -142,7 +142,7 @@ class Straight(Controller):
         return Command((0.5, 0.0))
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         return None
 
 

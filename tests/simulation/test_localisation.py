@@ -98,7 +98,7 @@ class Listener(Controller):
         return Command((0.0, 0.0), 0.2)
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         return None
 
 

@@ -63,7 +63,7 @@ def test_without_noise_it_is_the_controller():
         one.set_path(FAR)
     seen = Observation(1.3, np.array([2.0, 1.0]), ())
     assert made.command(seen) == plain.command(seen)
-    assert made.period == plain.period and made.plan is None
+    assert made.period == plain.period and made.last_plan is None
 
 
 def test_the_body_has_the_speed_for_it():

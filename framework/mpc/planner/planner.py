@@ -84,8 +84,9 @@ class Planner(PlannerSettings, Controller):
         lines = [f"  {name:<10}{short(getattr(self, name), 110)}" for name in parts]
         reach = f"{self.horizon} steps of {self.dt:.4g} s, every {self.period:.4g} s"
         lines.append(f"  {'horizon':<10}{reach}, at {self.reference_speed:g} m/s")
-        plan = "none yet" if self.plan is None else f"{self.plan.rung} at {self.plan.stamp:g} s"
-        lines.append(f"  {'plan':<10}{plan}")
+        plan = self.last_plan
+        words = "none yet" if plan is None else f"{plan.rung} at {plan.stamp:g} s"
+        lines.append(f"  {'plan':<10}{words}")
         return "\n".join(["Planner", *lines])
 
     def reset(self) -> None:
@@ -106,7 +107,7 @@ class Planner(PlannerSettings, Controller):
             WARNINGS.warn(type(self).__name__, words.split()[0], words)
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         """The plan behind the last command, with all that a picture of it shows."""
         memory = self._memory
         if memory.plan is None or memory.decision is None or memory.plan.situation is not None:

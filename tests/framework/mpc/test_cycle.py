@@ -115,7 +115,7 @@ def test_a_best_response_leaves_its_planner_as_it_is() -> None:
     assert not isinstance(first, str) and not isinstance(second, str)
     np.testing.assert_array_equal(first[1], second[1])
     assert not isinstance(alone, str) and np.abs(first[1] - alone[1]).max() > 1e-3
-    assert describe(made) == before and made.plan is None
+    assert describe(made) == before and made.last_plan is None
 
 
 @pytest.mark.parametrize("robot", [Unicycle(), Holonomic()], ids=repr)

@@ -23,7 +23,9 @@ def test_a_command_without_a_path_raises() -> None:
     made.remember(at(0.0, 0.0))
     with pytest.raises(WideberthError, match="no path is set: call set_path before command"):
         made.command(at(0.0, 0.0))
-    assert made.plan is None
+    assert made.last_plan is None
+    with pytest.raises(WideberthError, match="Planner has no plan: a planner has one after its"):
+        _ = made.plan
 
 
 def test_the_path_may_change_without_losing_history() -> None:

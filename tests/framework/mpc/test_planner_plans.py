@@ -164,7 +164,7 @@ planner = build("controllers", {"type": "mpc", "robot": "unicycle",
     "region": "mahalanobis_ellipse", "level": "relaxed", "solver": "fatrop"})
 planner.set_path(Path([(0, 0), (9, 0)]))
 assert "statsmodels" in sys.modules
-assert planner.plan is None
+assert planner.last_plan is None
 """
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False

@@ -75,7 +75,7 @@ class Bends(Controller):
         return Command((speed, 0.0), 0.02 * (-1.0) ** (len(self.seen) // 4), 0.5)
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         return None
 
 

@@ -52,7 +52,7 @@ class Ahead(Controller):
         return Command((min(0.1 * len(self.seen), 0.4), 0.0), ramp=0.5)
 
     @property
-    def plan(self) -> Plan | None:
+    def last_plan(self) -> Plan | None:
         return None
 
 
