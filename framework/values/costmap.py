@@ -15,7 +15,7 @@ robot's inscribed circle; an obstacle in the cell itself; not observed."""
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Costmap(CellGrid):
     """Costs from 0 to 255 on square cells, as in Nav2.
 

@@ -1,11 +1,12 @@
 """Forecasts of obstacles as Gaussians, and the obstacle of a region."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..numerics.special import upper_gamma_quantile
 from .arrays import (
@@ -36,10 +37,10 @@ class GaussianObstacle:
     mean: Array
     covariance: Array
 
-    def __post_init__(self) -> None:
-        mean = checked("obstacle.mean", self.mean, None)
+    def __init__(self, mean: ArrayLike, covariance: ArrayLike) -> None:
+        mean = checked("obstacle.mean", mean, None)
         shape = (*mean.shape, mean.shape[-1])
-        covariance = checked_covariance("obstacle.covariance", self.covariance, shape)
+        covariance = checked_covariance("obstacle.covariance", covariance, shape)
         settle(self, mean=mean, covariance=covariance)
 
 
@@ -64,24 +65,35 @@ class Scene:
         not increase.
     """
 
-    ego: Array | None = None
-    plan: Array | None = None
-    goals: Array | None = None
-    truth: Truth | None = None
-    plan_times: Array | None = None
-    radius: float = 0.0
-    polygons: tuple[Polygon, ...] = ()
+    ego: Array | None
+    plan: Array | None
+    goals: Array | None
+    truth: Truth | None
+    plan_times: Array | None
+    radius: float
+    polygons: tuple[Polygon, ...]
 
-    def __post_init__(self) -> None:
-        for name, shape in (("plan", (None, None)), ("goals", (None, None))):
-            if (value := getattr(self, name)) is not None:
-                settle(self, **{name: checked(f"scene.{name}", value, shape)})
-        if self.plan_times is not None:
-            length = None if self.plan is None else len(self.plan)
-            times = checked("scene.plan_times", self.plan_times, (length,))
-            if (np.diff(times) <= 0).any():
+    def __init__(
+        self,
+        ego: Array | None = None,
+        plan: ArrayLike | None = None,
+        goals: ArrayLike | None = None,
+        truth: Truth | None = None,
+        plan_times: ArrayLike | None = None,
+        radius: float = 0.0,
+        polygons: tuple[Polygon, ...] = (),
+    ) -> None:
+        if plan is not None:
+            plan = checked("scene.plan", plan, (None, None))
+        if goals is not None:
+            goals = checked("scene.goals", goals, (None, None))
+        if plan_times is not None:
+            length = None if plan is None else len(plan)
+            plan_times = checked("scene.plan_times", plan_times, (length,))
+            if (np.diff(plan_times) <= 0).any():
                 raise WideberthError("scene.plan_times must increase from row to row")
-            settle(self, plan_times=times)
+        settle(self, ego=ego, plan=plan, goals=goals, truth=truth, plan_times=plan_times)
+        settle(self, radius=radius, polygons=polygons)
 
 
 def content_bound(size: int, tail: float) -> float:
@@ -135,31 +147,38 @@ class Forecast:
     weight: Array
     dt: float
     fallback: tuple[str | None, ...]
-    joint_source: JointSource = None
+    joint_source: JointSource
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        mean: ArrayLike,
+        covariance: ArrayLike,
+        weight: ArrayLike,
+        dt: float,
+        fallback: Sequence[str | None],
+        joint_source: JointSource = None,
+    ) -> None:
         mean = checked(
             "forecast.mean",
-            self.mean,
+            mean,
             (None, None, None, None),
             reason=": obstacles, modes, steps, coordinates",
         )
         shape = mean.shape
-        covariance = checked_covariance(
-            "forecast.covariance", self.covariance, (*shape, shape[-1])
-        )
-        weight = checked("forecast.weight", self.weight, shape[:2])
+        covariance = checked_covariance("forecast.covariance", covariance, (*shape, shape[-1]))
+        weight = checked("forecast.weight", weight, shape[:2])
         if shape[0] and ((weight < 0).any() or (np.abs(weight.sum(axis=1) - 1) > 1e-9).any()):
             raise WideberthError("forecast.weight must be at least 0 and sum to 1 per obstacle")
-        positive("forecast.dt", self.dt)
-        if len(self.fallback) != shape[0]:
+        positive("forecast.dt", dt)
+        if len(fallback) != shape[0]:
             raise WideberthError(
-                f"forecast.fallback has {len(self.fallback)} entries; wanted {shape[0]}, one "
+                f"forecast.fallback has {len(fallback)} entries; wanted {shape[0]}, one "
                 "per obstacle (None where the method itself was used)"
             )
-        settle(self, mean=mean, covariance=covariance, weight=weight)
-        if isinstance(self.joint_source, np.ndarray):
-            settle(self, joint_source=self._whole(self.joint_source))
+        settle(self, mean=mean, covariance=covariance, weight=weight, dt=dt)
+        if isinstance(joint_source, np.ndarray):
+            joint_source = self._whole(joint_source)
+        settle(self, fallback=tuple(fallback), joint_source=joint_source)
 
     def __repr__(self) -> str:
         """Say how many obstacles, modes and steps there are."""

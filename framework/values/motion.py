@@ -6,6 +6,7 @@ from math import inf
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .arrays import (
     FARTHEST,
@@ -144,43 +145,41 @@ class Detection:
     position: Array
     covariance: Array | None
     radius: float
-    age: float = 0.0
-    sensor: str = ""
-    velocity: Array | None = None
-    state_covariance: Array | None = None
-    flaw: str = field(default="", init=False, repr=False)
+    age: float
+    sensor: str
+    velocity: Array | None
+    state_covariance: Array | None
+    flaw: str = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.ident, str):
-            raise WideberthError(f"detection.ident is {self.ident!r}; wanted a str")
-        position = checked("detection.position", self.position, (None,), finite=False)
-        covariance, flaw = self.covariance, ""
+    def __init__(
+        self,
+        ident: str,
+        position: ArrayLike,
+        covariance: ArrayLike | None,
+        radius: float,
+        age: float = 0.0,
+        sensor: str = "",
+        velocity: ArrayLike | None = None,
+        state_covariance: ArrayLike | None = None,
+    ) -> None:
+        if not isinstance(ident, str):
+            raise WideberthError(f"detection.ident is {ident!r}; wanted a str")
+        position, flaw = checked("detection.position", position, (None,), finite=False), ""
         if covariance is not None:
             covariance, flaw = _covariance("covariance", covariance, len(position))
-        if not isinstance(self.sensor, str):
-            raise WideberthError(f"detection.sensor is {self.sensor!r}; wanted a str")
-        radius, age = number("detection.radius", self.radius), number("detection.age", self.age)
-        if self.velocity is not None or self.state_covariance is not None:
-            flaw = flaw or self._check_state(len(position))
+        if not isinstance(sensor, str):
+            raise WideberthError(f"detection.sensor is {sensor!r}; wanted a str")
+        radius, age = number("detection.radius", radius), number("detection.age", age)
+        if velocity is not None or state_covariance is not None:
+            velocity, state_covariance, useless = _state(velocity, state_covariance, len(position))
+            flaw = flaw or useless
         if not (0.0 <= radius < inf and 0.0 <= age < inf):
             flaw = flaw or (f"age is {age:g}" if 0.0 <= radius < inf else f"radius is {radius:g}")
         if not all_finite(position):
             flaw = f"position is {position.tolist()}"
-        # Once for all: a value whose fields were settled is read more slowly.
-        settle(self, position=position, covariance=covariance, radius=radius, age=age, flaw=flaw)
-
-    def _check_state(self, size: int) -> str:
-        """Convert the tracker's velocity and covariance; return what makes them useless."""
-        if self.velocity is None or self.state_covariance is None:
-            given = "velocity" if self.state_covariance is None else "state_covariance"
-            raise WideberthError(
-                f"detection.{given} comes alone; state velocity and state_covariance together, or "
-                "neither"
-            )
-        velocity = checked("detection.velocity", self.velocity, (size,), finite=False)
-        joint, flaw = _covariance("state_covariance", self.state_covariance, 2 * size)
-        settle(self, velocity=velocity, state_covariance=joint)
-        return flaw if all_finite(velocity) else f"velocity is {velocity.tolist()}"
+        settle(self, ident=ident, position=position, covariance=covariance, radius=radius)
+        settle(self, age=age, sensor=sensor, flaw=flaw)
+        settle(self, velocity=velocity, state_covariance=state_covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,13 +227,45 @@ class Observation:
 
     stamp: float
     state: Array
-    detections: tuple[Detection, ...] = ()
-    covariance: Array | None = None
-    polygons: tuple[Polygon, ...] = ()
-    truth: Truth | None = field(default=None, repr=False)
-    map_covariance: Array | None = None
-    scan: PlacedScan | None = field(default=None, repr=False)
-    flaw: str = field(default="", init=False, repr=False)
+    detections: tuple[Detection, ...]
+    covariance: Array | None
+    polygons: tuple[Polygon, ...]
+    truth: Truth | None
+    map_covariance: Array | None
+    scan: PlacedScan | None
+    flaw: str = field(init=False)
+
+    def __init__(
+        self,
+        stamp: float,
+        state: ArrayLike,
+        detections: Iterable[Detection] = (),
+        covariance: ArrayLike | None = None,
+        polygons: Iterable[Polygon] = (),
+        truth: Truth | None = None,
+        map_covariance: ArrayLike | None = None,
+        scan: PlacedScan | None = None,
+    ) -> None:
+        stamp = number("observation.stamp", stamp)
+        state, flaw = checked("observation.state", state, (None,), finite=False), ""
+        if map_covariance is not None:
+            map_covariance, flaw = _covariance("map_covariance", map_covariance, len(state))
+        if covariance is not None:
+            covariance, wrong = _covariance("covariance", covariance, len(state))
+            flaw = wrong or flaw
+        if not all_finite(state):
+            flaw = f"state is {state.tolist()}"
+        if not np.isfinite(stamp):
+            flaw = f"stamp is {stamp}"
+        detections = _all("detections", detections, Detection)
+        polygons = _all("polygons", polygons, Polygon)
+        if not isinstance(truth, Truth | None):
+            raise WideberthError(f"observation.truth is {truth!r}; wanted a Truth or None")
+        if not isinstance(scan, PlacedScan | None):
+            raise WideberthError(f"observation.scan is {scan!r}; wanted a PlacedScan or None")
+        settle(self, stamp=stamp, state=state, detections=detections, covariance=covariance)
+        settle(self, polygons=polygons, truth=truth, map_covariance=map_covariance, scan=scan)
+        settle(self, flaw=flaw)
 
     def __repr__(self) -> str:
         """Say when, where the robot is, and whom it sees, a line each for the first eight."""
@@ -248,29 +279,6 @@ class Observation:
                  for one in self.detections[:8]]  # fmt: skip
         lines += [f"  and {count - 8} more"] * (count > 8)
         return "\n".join([f"Observation({', '.join(words)})", *lines])
-
-    def __post_init__(self) -> None:
-        stamp = number("observation.stamp", self.stamp)
-        state = checked("observation.state", self.state, (None,), finite=False)
-        settle(self, stamp=stamp, state=state)
-        flaw = ""
-        for name in ("map_covariance", "covariance"):
-            if (given := getattr(self, name)) is not None:
-                covariance, wrong = _covariance(name, given, len(state))
-                settle(self, **{name: covariance})
-                flaw = wrong or flaw
-        if not all_finite(state):
-            flaw = f"state is {state.tolist()}"
-        if not np.isfinite(stamp):
-            flaw = f"stamp is {stamp}"
-        settle(self, flaw=flaw)
-        detections = _all("detections", self.detections, Detection)
-        polygons = _all("polygons", self.polygons, Polygon)
-        settle(self, detections=detections, polygons=polygons)
-        if not isinstance(self.truth, Truth | None):
-            raise WideberthError(f"observation.truth is {self.truth!r}; wanted a Truth or None")
-        if not isinstance(self.scan, PlacedScan | None):
-            raise WideberthError(f"observation.scan is {self.scan!r}; wanted a PlacedScan or None")
 
 
 def checked_numbers(observation: Observation) -> None:
@@ -292,7 +300,22 @@ def checked_numbers(observation: Observation) -> None:
             )
 
 
-def _covariance(name: str, value: Array, size: int) -> tuple[Array, str]:
+def _state(
+    velocity: ArrayLike | None, covariance: ArrayLike | None, size: int
+) -> tuple[Array, Array, str]:
+    """Return a tracker's velocity and covariance, and what makes them useless."""
+    if velocity is None or covariance is None:
+        given = "velocity" if covariance is None else "state_covariance"
+        raise WideberthError(
+            f"detection.{given} comes alone; state velocity and state_covariance together, or "
+            "neither"
+        )
+    speed = checked("detection.velocity", velocity, (size,), finite=False)
+    joint, flaw = _covariance("state_covariance", covariance, 2 * size)
+    return speed, joint, flaw if all_finite(speed) else f"velocity is {speed.tolist()}"
+
+
+def _covariance(name: str, value: ArrayLike, size: int) -> tuple[Array, str]:
     """Return a matrix of that size, and why it is no covariance, if so."""
     shape = (size, size)
     try:

@@ -43,22 +43,24 @@ class CellGrid:
 
     cells: NDArray[Any]
     resolution: float
-    origin: tuple[float, float] = (0.0, 0.0)
+    origin: tuple[float, float]
 
     _label: ClassVar[str] = "grid"
     _range: ClassVar[tuple[int, int]] = (0, 0)
     _type: ClassVar[Any] = np.int8
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self, cells: ArrayLike, resolution: float, origin: ArrayLike = (0.0, 0.0)
+    ) -> None:
         label = self._label
-        cells = _whole_cells(f"{label}.cells", self.cells, self._range).astype(self._type)
+        cells = _whole_cells(f"{label}.cells", cells, self._range).astype(self._type)
         cells.setflags(write=False)
-        resolution = positive(f"{label}.resolution", self.resolution)
+        resolution = positive(f"{label}.resolution", resolution)
         if resolution < SMALLEST:
             raise WideberthError(
                 f"{label}.resolution is {resolution:g} m; wanted at least {SMALLEST:g}"
             )
-        origin = checked(f"{label}.origin", self.origin, (2,))
+        origin = checked(f"{label}.origin", origin, (2,))
         far = np.abs(np.stack([origin, origin + resolution * np.array(cells.shape[::-1])]))
         if far.max() > FARTHEST:
             raise WideberthError(f"{label} reaches beyond {FARTHEST:g} m from the world's origin")
@@ -120,7 +122,7 @@ class CellGrid:
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class OccupancyGrid(CellGrid):
     """A map as ROS has it: -1 where nothing is known, else the occupancy of a cell in percent.
 

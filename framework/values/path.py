@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .arrays import FARTHEST, Array, checked, settle
 from .errors import WideberthError
@@ -24,9 +25,9 @@ class Path:
 
     points: Array
 
-    def __post_init__(self) -> None:
+    def __init__(self, points: ArrayLike) -> None:
         points = checked(
-            "path.points", self.points, (None, None), reason=": a row of coordinates per point"
+            "path.points", points, (None, None), reason=": a row of coordinates per point"
         )
         if len(points) < 2:
             raise WideberthError(

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..plugins.extras import from_extra
 from .arrays import FARTHEST, Array, checked, settle, whole
@@ -46,15 +47,15 @@ class Polygon:
     vertices: tuple[tuple[float, float], ...]
     name: str = ""
 
-    def __post_init__(self) -> None:
-        label = f"polygon {self.name!r}.vertices" if self.name else "polygon.vertices"
-        points = checked(label, self.vertices, (None, 2))
+    def __init__(self, vertices: ArrayLike, name: str = "") -> None:
+        label = f"polygon {name!r}.vertices" if name else "polygon.vertices"
+        points = checked(label, vertices, (None, 2))
         if np.abs(points).max(initial=0.0) > FARTHEST:
             raise WideberthError(f"{label} reach beyond {FARTHEST:g} m from the origin")
         _check_simple(label, points)
         if _signed_area(points) < 0.0:
             points = np.roll(points[::-1], 1, axis=0)
-        settle(self, vertices=tuple((float(x), float(y)) for x, y in points))
+        settle(self, vertices=tuple((float(x), float(y)) for x, y in points), name=name)
 
     @cached_property
     def points(self) -> Array:

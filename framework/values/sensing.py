@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .arrays import (
     FARTHEST,
@@ -21,6 +22,7 @@ from .errors import WideberthError
 
 MOTION = ("x", "y", "heading", "forward speed", "lateral speed", "yaw rate")
 """Entries of a `MotionEstimate`: m, m, rad, m/s, m/s, rad/s. Speeds are in the body frame."""
+_NO_POINTS, _NO_MATRICES = np.zeros((0, 2)), np.zeros((0, 2, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +52,31 @@ class Scan:
     times: Array
     bearings: Array
     ranges: Array
-    deviation: float = 0.01
-    longest: float = 15.0
-    mount: Array = field(default_factory=lambda: np.zeros(3))
+    deviation: float
+    longest: float
+    mount: Array
 
-    def __post_init__(self) -> None:
-        times = checked("scan.times", self.times, (None,))
+    def __init__(
+        self,
+        sensor: str,
+        times: ArrayLike,
+        bearings: ArrayLike,
+        ranges: ArrayLike,
+        deviation: float = 0.01,
+        longest: float = 15.0,
+        mount: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        times = checked("scan.times", times, (None,))
         if (latest := float(np.abs(times).max(initial=0.0))) > LATEST:
             raise WideberthError(f"scan.times holds {latest:.3g} s; wanted at most {LATEST:g}")
         shape = (len(times),)
-        bearings = checked("scan.bearings", self.bearings, shape)
-        ranges = checked("scan.ranges", self.ranges, shape, finite=False)
-        mount = checked("scan.mount", self.mount, (3,))
-        settle(self, times=times, bearings=bearings, ranges=ranges, mount=mount)
-        positive("scan.deviation", self.deviation)
-        positive("scan.longest", self.longest)
+        bearings = checked("scan.bearings", bearings, shape)
+        ranges = checked("scan.ranges", ranges, shape, finite=False)
+        mount = checked("scan.mount", mount, (3,))
+        positive("scan.deviation", deviation)
+        positive("scan.longest", longest)
+        settle(self, sensor=sensor, times=times, bearings=bearings, ranges=ranges)
+        settle(self, deviation=deviation, longest=longest, mount=mount)
 
     @property
     def stamp(self) -> float:
@@ -96,8 +108,8 @@ class PlacedScan:
     scan: Scan
     pose: Array
 
-    def __post_init__(self) -> None:
-        settle(self, pose=checked("placed_scan.pose", self.pose, (3,)))
+    def __init__(self, scan: Scan, pose: ArrayLike) -> None:
+        settle(self, scan=scan, pose=checked("placed_scan.pose", pose, (3,)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,18 +183,18 @@ class WheelSample:
     sensor: str
     time: float
     angles: Array
-    flaw: str = field(default="", init=False, repr=False)
+    flaw: str = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        angles = checked("wheel_sample.angles", self.angles, (None,), finite=False)
+    def __init__(self, sensor: str, time: float, angles: ArrayLike) -> None:
+        angles = checked("wheel_sample.angles", angles, (None,), finite=False)
         if not len(angles) or len(angles) % 2:
             raise WideberthError(
                 f"wheel_sample.angles has {len(angles)} entries; wanted the left wheels' angles, "
                 "then as many of right ones"
             )
-        time = number("wheel_sample.time", self.time)
+        time = number("wheel_sample.time", time)
         flaw = "" if all_finite(angles) else f"angles are {angles.tolist()}"
-        settle(self, angles=angles, time=time, flaw=flaw or _timeless(time))
+        settle(self, sensor=sensor, time=time, angles=angles, flaw=flaw or _timeless(time))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,18 +214,17 @@ class InertialSample:
     time: float
     yaw_rate: float
     acceleration: Array
-    flaw: str = field(default="", init=False, repr=False)
+    flaw: str = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        size = (2,)
-        felt = checked("inertial_sample.acceleration", self.acceleration, size, finite=False)
-        time = number("inertial_sample.time", self.time)
-        yaw_rate = number("inertial_sample.yaw_rate", self.yaw_rate)
+    def __init__(self, sensor: str, time: float, yaw_rate: float, acceleration: ArrayLike) -> None:
+        felt = checked("inertial_sample.acceleration", acceleration, (2,), finite=False)
+        time = number("inertial_sample.time", time)
+        yaw_rate = number("inertial_sample.yaw_rate", yaw_rate)
         flaw = "" if all_finite(felt) else f"acceleration is {felt.tolist()}"
         if not isfinite(yaw_rate):
             flaw = f"yaw rate is {yaw_rate}"
         flaw = flaw or _timeless(time)
-        settle(self, acceleration=felt, time=time, yaw_rate=yaw_rate, flaw=flaw)
+        settle(self, sensor=sensor, time=time, yaw_rate=yaw_rate, acceleration=felt, flaw=flaw)
 
 
 def _timeless(time: float) -> str:
@@ -243,12 +254,14 @@ class MotionEstimate:
     time: float
     mean: Array
     covariance: Array
-    frame: str = "odom"
+    frame: str
 
-    def __post_init__(self) -> None:
-        mean = checked("motion_estimate.mean", self.mean, (6,))
-        covariance = checked_covariance("motion_estimate.covariance", self.covariance, (6, 6))
-        settle(self, mean=mean, covariance=covariance)
+    def __init__(
+        self, time: float, mean: ArrayLike, covariance: ArrayLike, frame: str = "odom"
+    ) -> None:
+        mean = checked("motion_estimate.mean", mean, (6,))
+        covariance = checked_covariance("motion_estimate.covariance", covariance, (6, 6))
+        settle(self, time=time, mean=mean, covariance=covariance, frame=frame)
 
     @property
     def pose(self) -> Array:
@@ -273,13 +286,15 @@ class Segments:
     WideberthError : shapes that do not fit, numbers that are not finite, no covariance.
     """
 
-    ends: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    ends: Array
+    covariance: Array
 
-    def __post_init__(self) -> None:
-        ends = checked("segments.ends", self.ends, (None, 2, 2))
+    def __init__(
+        self, ends: ArrayLike = _NO_MATRICES, covariance: ArrayLike = _NO_MATRICES
+    ) -> None:
+        ends = checked("segments.ends", ends, (None, 2, 2))
         shape = (len(ends), 2, 2)
-        covariance = checked_covariance("segments.covariance", self.covariance, shape)
+        covariance = checked_covariance("segments.covariance", covariance, shape)
         settle(self, ends=ends, covariance=covariance)
 
     def __len__(self) -> int:
@@ -292,6 +307,9 @@ class Segments:
             np.concatenate([self.ends, others.ends]),
             np.concatenate([self.covariance, others.covariance]),
         )
+
+
+_NO_SEGMENTS = Segments()
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,28 +343,41 @@ class Sightings:
     positions: Array
     covariance: Array
     radius: Array
-    static: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    note: str = ""
-    times: Array = field(default_factory=lambda: np.zeros(0))
-    origin: Array | None = None
-    lasting: float = 0.0
-    segments: Segments = field(default_factory=Segments)
+    static: Array
+    note: str
+    times: Array
+    origin: Array | None
+    lasting: float
+    segments: Segments
 
-    def __post_init__(self) -> None:
-        positive("sightings.lasting", self.lasting, zero=True)
-        positions = checked("sightings.positions", self.positions, (None, 2))
+    def __init__(
+        self,
+        time: float,
+        positions: ArrayLike,
+        covariance: ArrayLike,
+        radius: ArrayLike,
+        static: ArrayLike = _NO_POINTS,
+        note: str = "",
+        times: ArrayLike = (),
+        origin: ArrayLike | None = None,
+        lasting: float = 0.0,
+        segments: Segments = _NO_SEGMENTS,
+    ) -> None:
+        positive("sightings.lasting", lasting, zero=True)
+        positions = checked("sightings.positions", positions, (None, 2))
         count = len(positions)
-        if count and not isfinite(number("sightings.time", self.time)):
-            raise WideberthError(f"sightings.time is {self.time}; wanted the instant of the scan")
-        times = self.times if len(self.times) or not count else np.full(count, self.time)
-        if self.origin is not None:
-            settle(self, origin=checked("sightings.origin", self.origin, (2,)))
+        if count and not isfinite(number("sightings.time", time)):
+            raise WideberthError(f"sightings.time is {time}; wanted the instant of the scan")
+        if origin is not None:
+            origin = checked("sightings.origin", origin, (2,))
+        times = times if np.size(times) or not count else np.full(count, time)
         times = checked("sightings.times", times, (count,))
-        covariance = checked_covariance("sightings.covariance", self.covariance, (count, 2, 2))
-        radius = checked("sightings.radius", self.radius, (count,))
-        static = checked("sightings.static", self.static, (None, 2))
-        settle(self, positions=positions, covariance=covariance, radius=radius)
-        settle(self, times=times, static=static)
+        covariance = checked_covariance("sightings.covariance", covariance, (count, 2, 2))
+        radius = checked("sightings.radius", radius, (count,))
+        static = checked("sightings.static", static, (None, 2))
+        settle(self, time=time, positions=positions, covariance=covariance, radius=radius)
+        settle(self, static=static, note=note, times=times, origin=origin)
+        settle(self, lasting=lasting, segments=segments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,17 +408,28 @@ class TrackedObstacle:
     covariance: Array
     radius: float
     seen: float
-    times: Array = field(default_factory=lambda: np.zeros(0))
-    measured: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    noise: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    times: Array
+    measured: Array
+    noise: Array
 
-    def __post_init__(self) -> None:
-        state = checked("tracked_obstacle.state", self.state, (4,))
-        covariance = checked_covariance("tracked_obstacle.covariance", self.covariance, (4, 4))
-        positive("tracked_obstacle.radius", self.radius, zero=True)
-        times = checked("tracked_obstacle.times", self.times, (None,))
+    def __init__(
+        self,
+        ident: str,
+        time: float,
+        state: ArrayLike,
+        covariance: ArrayLike,
+        radius: float,
+        seen: float,
+        times: ArrayLike = (),
+        measured: ArrayLike = _NO_POINTS,
+        noise: ArrayLike = _NO_MATRICES,
+    ) -> None:
+        state = checked("tracked_obstacle.state", state, (4,))
+        covariance = checked_covariance("tracked_obstacle.covariance", covariance, (4, 4))
+        positive("tracked_obstacle.radius", radius, zero=True)
+        times = checked("tracked_obstacle.times", times, (None,))
         shape = (len(times), 2)
-        measured = checked("tracked_obstacle.measured", self.measured, shape)
-        noise = checked_covariance("tracked_obstacle.noise", self.noise, (*shape, 2))
-        settle(self, state=state, covariance=covariance)
-        settle(self, times=times, measured=measured, noise=noise)
+        measured = checked("tracked_obstacle.measured", measured, shape)
+        noise = checked_covariance("tracked_obstacle.noise", noise, (*shape, 2))
+        settle(self, ident=ident, time=time, state=state, covariance=covariance, radius=radius)
+        settle(self, seen=seen, times=times, measured=measured, noise=noise)

@@ -1,8 +1,10 @@
 """Tracks: observed positions of each obstacle on a uniform time grid."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .arrays import Array, checked, checked_covariance, positive, settle
 from .errors import WideberthError
@@ -35,14 +37,24 @@ class Tracks:
     ids: tuple[str, ...]
     radius: Array
     noise: Array
-    stamp: float = 0.0
-    state_covariance: Array | None = None
-    velocity: Array | None = None
+    stamp: float
+    state_covariance: Array | None
+    velocity: Array | None
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        positions: ArrayLike,
+        dt: float,
+        ids: Iterable[object],
+        radius: ArrayLike,
+        noise: ArrayLike,
+        stamp: float = 0.0,
+        state_covariance: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+    ) -> None:
         positions = checked(
             "tracks.positions",
-            self.positions,
+            positions,
             (None, None, None),
             finite=False,
             reason=": obstacles, samples, coordinates",
@@ -50,26 +62,27 @@ class Tracks:
         if np.isinf(positions).any():
             raise WideberthError("tracks.positions holds infinity; mark unobserved samples NaN")
         count, _, size = positions.shape
-        positive("tracks.dt", self.dt)
-        ids = tuple(str(ident) for ident in self.ids)
-        if len(ids) != count or len(set(ids)) != count:
+        positive("tracks.dt", dt)
+        names = tuple(str(ident) for ident in ids)
+        if len(names) != count or len(set(names)) != count:
             raise WideberthError(
-                f"tracks.ids is {list(ids)}; wanted {count} different identities, one per track"
+                f"tracks.ids is {list(names)}; wanted {count} different identities, one per track"
             )
-        radius = checked("tracks.radius", self.radius, (count,))
+        radius = checked("tracks.radius", radius, (count,))
         if (radius < 0).any():
             raise WideberthError(f"tracks.radius holds {radius.min():g}; wanted at least 0 m")
-        noise = checked_covariance("tracks.noise", self.noise, (count, size, size))
-        settle(self, positions=positions, ids=ids, radius=radius, noise=noise)
-        if self.state_covariance is not None:
+        noise = checked_covariance("tracks.noise", noise, (count, size, size))
+        if state_covariance is not None:
             shape = (count, 2 * size, 2 * size)
-            joint = checked_covariance("tracks.state_covariance", self.state_covariance, shape)
-            settle(self, state_covariance=joint)
-        if self.velocity is not None:
-            if self.state_covariance is None:
+            state_covariance = checked_covariance(
+                "tracks.state_covariance", state_covariance, shape
+            )
+        if velocity is not None:
+            if state_covariance is None:
                 raise WideberthError("tracks.velocity comes alone; state state_covariance as well")
-            velocity = checked("tracks.velocity", self.velocity, (count, size))
-            settle(self, velocity=velocity)
+            velocity = checked("tracks.velocity", velocity, (count, size))
+        settle(self, positions=positions, dt=dt, ids=names, radius=radius, noise=noise)
+        settle(self, stamp=stamp, state_covariance=state_covariance, velocity=velocity)
 
     def __repr__(self) -> str:
         """Say who was tracked, for how long, and how much of it was observed."""
