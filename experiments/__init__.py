@@ -1,7 +1,4 @@
-"""Studies of what each choice costs, the engine that runs them, and the command line.
-
-Its modules are not promised, see docs/promise.md.
-"""
+"""Studies of what each choice costs, the engine that runs them, and the command line."""
 
 from ..framework.plugins.lazy import lazy, targets_in
 

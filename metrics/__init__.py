@@ -1,7 +1,4 @@
-"""Measures of forecasts, plans and episodes, each defined once.
-
-Its modules are not promised, see docs/promise.md.
-"""
+"""Measures of forecasts, plans and episodes, each defined once."""
 
 from ..framework.plugins.lazy import lazy, targets_in
 

@@ -1,7 +1,4 @@
-"""Perception: what a robot concludes from its sensors, one group of files per question.
-
-Its modules are not promised, see docs/promise.md.
-"""
+"""Perception: what a robot concludes from its sensors, one group of files per question."""
 
 from ..framework.plugins.lazy import lazy, targets_in
 

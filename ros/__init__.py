@@ -1,7 +1,4 @@
-"""Formats of other software: messages, recordings and parameter files of ROS 2.
-
-Its modules are not promised, see docs/promise.md.
-"""
+"""Formats of other software: messages, recordings and parameter files of ROS 2."""
 
 from ..framework.plugins.lazy import lazy, targets_in
 

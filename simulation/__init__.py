@@ -1,7 +1,4 @@
-"""Simulation: scenarios, the engine that runs them, what agents sense, logs and measures.
-
-Its modules are not promised, see docs/promise.md.
-"""
+"""Simulation: scenarios, the engine that runs them, what agents sense, logs and measures."""
 
 from ..framework.plugins.lazy import lazy, targets_in
 
