@@ -61,6 +61,7 @@ html_title = "wideberth"
 html_static_path = ["_static", "auto/first/plan.png"]
 html_favicon = "_static/logo.svg"
 html_css_files = ["site.css"]
+html_sidebars = {"start": [], "glossary": []}  # pages without pages below them
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

@@ -241,12 +241,9 @@ def test_files_and_modules_that_pages_name_exist() -> None:
             )
 
 
-def test_the_table_of_extras_names_them_all_and_the_start_page_has_it() -> None:
+def test_the_table_of_extras_names_them_all() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     extras = settings["project"]["optional-dependencies"]
     (table,) = re.findall(r"\| Extra \|.*?\n\n", TEXT, re.DOTALL)
     first = [line.split("|")[1] for line in table.strip().splitlines()[2:]]
     assert sorted(re.findall(r"`([\w-]+)`", " ".join(first))) == sorted(extras)
-    (install,) = re.findall(r"```sh\npip install .*?```", TEXT, re.DOTALL)
-    start = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
-    assert install in start and SCRIPTS[0] in start and table in start

@@ -128,6 +128,15 @@ def test_the_first_page_has_film_installation_script_and_cards() -> None:
     assert 3 <= text[places[-2] : places[-1]].count("{grid-item-card}") <= 6
 
 
+def test_the_start_page_shows_installation_and_script_of_the_readme_and_no_copy() -> None:
+    page = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+    install, script = included("start.md")
+    assert "```sh\npip install " in install and "| Extra |" in install
+    assert included("index.md") == [script]
+    paragraphs = {one.strip() for one in README.split("\n\n") if len(one) > 40}
+    assert not paragraphs & {one.strip() for one in page.split("\n\n")}
+
+
 def test_numbers_on_the_first_page_were_measured() -> None:
     text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     measured = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")
