@@ -121,8 +121,9 @@ def groups() -> list[Group]:
     )  # fmt: skip
     found.append(
         Group("draw", "Pictures", "Each reads a value and draws it.",
-              tuple(Entry(f"wideberth.draw.{name}", getattr(wideberth.draw, name))
-                    for name in wideberth.draw.__all__))
+              tuple(Entry(f"wideberth.draw.{name}", drawn)
+                    for name in wideberth.draw.__all__
+                    if callable(drawn := getattr(wideberth.draw, name))))
     )  # fmt: skip
     testing = importlib.import_module("wideberth.framework.testing")
     checks = [Entry(f"{testing.__name__}.{name}", getattr(testing, name))
