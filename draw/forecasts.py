@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..framework.numerics.special import content_bound
 from ..framework.region import Region
 from ..framework.values.arrays import Array
-from ..framework.values.forecast import Forecast, GaussianObstacle, content_bound
+from ..framework.values.forecast import Forecast, GaussianObstacle
 from .shapes import ellipses, ellipsoid, outlines, surfaces
 from .style import COLOURS, FORECAST, LINES, PLANNED, chosen_steps, picture, polygons
 

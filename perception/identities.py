@@ -6,6 +6,7 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..framework.plugins.extras import check_extra
 from ..framework.values.arrays import (
     FARTHEST,
     LATEST,
@@ -144,6 +145,7 @@ class Identities:
     _born: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        check_extra("scipy", "maps", "identities needs SciPy")
         positive("identities.deviation", self.deviation)
         self.reset()
 

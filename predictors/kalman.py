@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, Self, final
 
 import numpy as np
 
+from ..framework.plugins.extras import check_extra
 from ..framework.predictor import Fittable
 from ..framework.values.arrays import Array, checked_choice, positive, whole
 from ..framework.values.forecast import Forecast, Scene
@@ -73,6 +74,8 @@ class Kalman(Fittable):
             positive(f"kalman.{name}", getattr(self, name))
         whole("kalman.history", self.history)
         checked_choice("kalman.backend", self.backend, Literal["batched", "filterpy"])
+        if self.backend == "filterpy":
+            check_extra("filterpy", "oracles", "the backend filterpy needs that library")
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""

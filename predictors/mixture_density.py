@@ -6,6 +6,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
+from ..framework.plugins.extras import check_extra
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import windows_of
 from ..framework.values.arrays import whole
@@ -118,6 +119,7 @@ class MixtureDensity(Fittable):
         WideberthError : fewer than 100 windows of ``observed + predicted`` samples, other
             than two coordinates, or recordings of different dt.
         """
+        check_extra("jax", "learning", "to fit mixture_density needs JAX")
         from .core.density_training import train
 
         windows = windows_of(

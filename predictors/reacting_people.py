@@ -162,6 +162,11 @@ NOISE_FLOOR = 0.005
 """m, added to the measurement noise."""
 
 
+def _usual_models() -> tuple[PersonModel, ...]:
+    """Return the kinds of people that simulations have; ORCA's need Numba."""
+    return Straight(), CircularForce(), Reciprocal()
+
+
 @final
 @dataclass(frozen=True)
 class ReactingPeople(Adaptive):
@@ -208,9 +213,9 @@ class ReactingPeople(Adaptive):
     WideberthError : a number out of range, no model, or a fallback that adapts.
     """
 
-    models: tuple[Straight | CircularForce | Reciprocal | PersonModel, ...] = (
-        Straight(), CircularForce(), Reciprocal(),
-    )  # fmt: skip
+    models: tuple[Straight | CircularForce | Reciprocal | PersonModel, ...] = field(
+        default_factory=_usual_models
+    )
     courtesy: float = 0.5
     step: float = 0.25
     most: int = 40

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from ..draw.plans import kept_out
 from ..draw.style import chosen_steps
+from ..framework.numerics.special import content_bound
 from ..framework.risk.overlap_tables import ellipses_of
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
-from ..framework.values.forecast import LIGHT, Forecast, content_bound
+from ..framework.values.forecast import LIGHT, Forecast
 from ..framework.values.motion import Command, Twist
 from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.plan import Plan
 from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import Scan
+from .frames import quaternion_of
 from .messages import messages
 
 LONGEST_NAME = 16
@@ -423,10 +425,8 @@ class MessageEncoder:
 
     def _turned(self, place: Sequence[float], axes: Array) -> Any:
         """Return the pose whose axes are the columns (3, 3); one is turned round if need be."""
-        from scipy.spatial.transform import Rotation
-
         right = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
-        x, y, z, w = Rotation.from_matrix(right).as_quat().tolist()
+        x, y, z, w = quaternion_of(right)
         turn = self.known.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
         kind = "geometry_msgs/msg/Pose"
         return self.known.make(kind, position=self._point(*place), orientation=turn)

@@ -23,6 +23,25 @@ def yaw_of(x: ArrayLike, y: ArrayLike, z: ArrayLike, w: ArrayLike) -> Array:
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
+def quaternion_of(turn: Array) -> tuple[float, float, float, float]:
+    """Return the unit quaternion x, y, z, w of a rotation, (3, 3), whose largest part is above 0.
+
+    A row of 4 q q^T, which is linear in the matrix: that of the largest part.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = turn.tolist()
+    rows = np.array(
+        [
+            [1.0 + a - e - i, b + d, c + g, h - f],
+            [b + d, 1.0 - a + e - i, f + h, c - g],
+            [c + g, f + h, 1.0 - a - e + i, d - b],
+            [h - f, c - g, d - b, 1.0 + a + e + i],
+        ]
+    )
+    row = rows[np.diagonal(rows).argmax()]
+    x, y, z, w = (row / np.linalg.norm(row)).tolist()
+    return x, y, z, w
+
+
 def tilt_of(x: float, y: float) -> float:
     """Return the angle between the vertical axes of two frames, rad: arccos(1 - 2 (x^2 + y^2)).
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from ...draw import shapes
 from ...draw.style import FORECAST, frame_space, number
+from ...framework.numerics.special import content_bound
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle, content_bound, resample
+from ...framework.values.forecast import GaussianObstacle, resample
 from ...framework.values.plan import Plan
 from ...simulation.drawing import artists, pictures
 from ...simulation.drawing.artists import Closest, closest

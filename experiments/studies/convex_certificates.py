@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework import GaussianObstacle, WideberthError, load
+from ...framework.plugins.extras import check_extra
 from ...framework.region import Convex, Relation, Signed
 from ...framework.values.arrays import Array, positive, whole
 from ..drawing.plotting import COLOURS, LINES, PAGE, subplots, title
@@ -73,6 +74,7 @@ class ConvexCertificates(RegionStudy):
 
     def validate(self) -> None:
         """Refuse sizes without digits, and regions that are not `Convex`."""
+        check_extra("cvxpy", "certificates", "convex_certificates needs CVXPY")
         positive("margin", self.margin)
         whole("directions", self.directions, least=8)
         whole("points", self.points)

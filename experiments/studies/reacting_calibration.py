@@ -8,9 +8,9 @@ import numpy as np
 
 from ...framework import Controller, Robot, Tracks, WideberthError
 from ...framework.controller import driving
+from ...framework.numerics.special import content_bound
 from ...framework.tracking.windows import windows_of
 from ...framework.values.arrays import Array, positive, whole
-from ...framework.values.forecast import content_bound
 from ...metrics.statistics import known_mean, ratio_interval
 from ...predictors.conformal import Conformal
 from ...predictors.core.calibration import replayed, squared_distances

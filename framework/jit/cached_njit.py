@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ..plugins.extras import check_extra, from_extra
+
 _KNOWN: set[Callable[..., Any]] = set()
 """Functions that Numba knows as inner ones."""
 
@@ -31,19 +33,32 @@ def cached_njit(
     >>> cached_njit([twice])[0](4.0)
     8.0
     """
-    import numba
+    numba = from_extra("numba", "fast", "compiled loops need Numba")
     from numba.extending import register_jitable
 
     for function in inner:
         if function not in _KNOWN:  # several kernels may share one
             _KNOWN.add(function)
             register_jitable(error_model="numpy")(function)
-    tool: Any = numba
 
     def made(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
-            return tool.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+            return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
         except RuntimeError:  # no folder that can be written
-            return tool.njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+            return numba.njit(error_model="numpy")(function)  # type: ignore[no-any-return]
 
     return tuple(made(function) for function in functions)
+
+
+def check_numba(user: str) -> None:
+    """Refuse what needs Numba where it is not installed; for constructors.
+
+    Parameters
+    ----------
+    user : who needs it, as "navfn".
+
+    Raises
+    ------
+    WideberthError : names the extra.
+    """
+    check_extra("numba", "fast", f"{user} needs Numba")

@@ -11,7 +11,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..values.arrays import Array
+from ..values.arrays import Array, probability
 
 _ROUNDING = 1e-15
 """A step of Newton's below this share changes nothing any more."""
@@ -104,6 +104,16 @@ def upper_gamma_quantile(order: float, tail: ArrayLike) -> Array:
     found[rare] = _rare_gamma_quantile(order, -np.log(tail[rare]))
     found[~rare] = _common_gamma_quantile(order, np.log1p(-tail[~rare]))
     return found
+
+
+def content_bound(size: int, tail: float) -> float:
+    """Return the q that chi^2 with ``size`` degrees of freedom exceeds with probability ``tail``.
+
+    Raises
+    ------
+    WideberthError : tail outside (0, 1).
+    """
+    return 2.0 * float(upper_gamma_quantile(0.5 * size, probability("tail", tail)))
 
 
 def _rare_gamma_quantile(order: float, depth: Array) -> Array:

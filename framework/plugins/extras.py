@@ -1,9 +1,10 @@
 """Libraries that come with an extra, imported when they are needed."""
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
-from ..values.errors import WideberthError
+from ..values.errors import missing
 
 
 def from_extra(module: str, extra: str, need: str, otherwise: str = "") -> Any:
@@ -26,18 +27,16 @@ def from_extra(module: str, extra: str, need: str, otherwise: str = "") -> Any:
         raise missing(extra, need, error, otherwise) from error
 
 
-def missing(extra: str, need: str, error: Exception, otherwise: str = "") -> WideberthError:
-    """Return the error for a library that cannot be imported; see `from_extra`."""
-    words = f"{need}, which cannot be imported ({error}): {installation(extra)}"
-    return WideberthError(f"{words}; {otherwise}" if otherwise else words)
+def check_extra(module: str, extra: str, need: str, otherwise: str = "") -> None:
+    """Refuse what needs a library that is not installed; nothing is imported.
 
-
-def installation(extra: str) -> str:
-    """Say how the libraries of an extra are installed.
-
-    Examples
-    --------
-    >>> installation("sim")
-    "pip install 'wideberth[sim]'"
+    For constructors, so that the error comes before any work. Arguments and error are those of
+    `from_extra`.
     """
-    return f"pip install 'wideberth[{extra}]'"
+    library = module.partition(".")[0]
+    try:
+        found = find_spec(library)
+    except ImportError as error:
+        raise missing(extra, need, error, otherwise) from error
+    if found is None:
+        raise missing(extra, need, ImportError(f"No module named {library!r}"), otherwise)

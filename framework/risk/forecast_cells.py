@@ -8,9 +8,10 @@ from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 
-from ..jit.cached_njit import cached_njit
+from ..jit.cached_njit import cached_njit, check_numba
+from ..numerics.special import content_bound
 from ..values.arrays import Array, checked_choice, positive, probability
-from ..values.forecast import LIGHT, Forecast, content_bound
+from ..values.forecast import LIGHT, Forecast
 from ..values.occupancy_grid import OCCUPIED_CELL, CellGrid, OccupancyGrid
 from .overlap_tables import PLACES, bilinear, ellipses_of, overlap_tables, scales_of
 
@@ -65,6 +66,7 @@ class ForecastCells:
     shows: Shown = "region"
 
     def __post_init__(self) -> None:
+        check_numba("forecast_cells")
         for name in ("horizon", "step"):
             positive(f"cells.{name}", getattr(self, name))
         probability("cells.tail", self.tail)

@@ -44,3 +44,20 @@ def nearest(name: str, known: Iterable[str], likeness: float = 0.6) -> str:
 
     near = get_close_matches(name[:100], sorted(known), n=1, cutoff=likeness)
     return f": did you mean {near[0]!r}?" if near else ""
+
+
+def missing(extra: str, need: str, error: Exception, otherwise: str = "") -> WideberthError:
+    """Return the error for a library that cannot be imported; see `plugins.extras.from_extra`."""
+    words = f"{need}, which cannot be imported ({error}): {installation(extra)}"
+    return WideberthError(f"{words}; {otherwise}" if otherwise else words)
+
+
+def installation(extra: str) -> str:
+    """Say how the libraries of an extra are installed.
+
+    Examples
+    --------
+    >>> installation("sim")
+    "pip install 'wideberth[sim]'"
+    """
+    return f"pip install 'wideberth[{extra}]'"

@@ -8,7 +8,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..numerics.special import upper_gamma_quantile
 from .arrays import (
     Array,
     BoolArray,
@@ -16,7 +15,6 @@ from .arrays import (
     checked,
     checked_covariance,
     positive,
-    probability,
     settle,
 )
 from .errors import WideberthError
@@ -94,16 +92,6 @@ class Scene:
                 raise WideberthError("scene.plan_times must increase from row to row")
         settle(self, ego=ego, plan=plan, goals=goals, truth=truth, plan_times=plan_times)
         settle(self, radius=radius, polygons=polygons)
-
-
-def content_bound(size: int, tail: float) -> float:
-    """Return the q that chi^2 with ``size`` degrees of freedom exceeds with probability ``tail``.
-
-    Raises
-    ------
-    WideberthError : tail outside (0, 1).
-    """
-    return 2.0 * float(upper_gamma_quantile(0.5 * size, probability("tail", tail)))
 
 
 LIGHT = 0.01

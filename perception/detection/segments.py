@@ -8,8 +8,8 @@ from math import atan2, cos, sin
 
 import numpy as np
 
+from ...framework.numerics.special import content_bound
 from ...framework.values.arrays import Array, BoolArray
-from ...framework.values.forecast import content_bound
 from ...framework.values.sensing import Scan, Segments, Sightings
 from .groups import by_gap
 from .hits import DRIFT, TURN, Hits, IntArray, hits_of, without

@@ -7,11 +7,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
+from ...framework.numerics.special import content_bound
 from ...framework.plugins.config import ADVICE, build
 from ...framework.state_estimator import StateEstimator, checked_start, poses_at
 from ...framework.values.arrays import Array, BoolArray, assembled
 from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import content_bound
 from ...framework.values.polygon import Polygon, edge_normals
 from ...framework.values.sensing import MotionEstimate, Sample, Scan
 

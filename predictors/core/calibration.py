@@ -8,11 +8,12 @@ from typing import TypeAlias
 import numpy as np
 
 from ...framework.calibration import Calibration, CalibrationScores
+from ...framework.numerics.special import content_bound
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.windows import IntArray, Windows
 from ...framework.values.arrays import Array, checked, positive
 from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import Forecast, content_bound, heeded
+from ...framework.values.forecast import Forecast, heeded
 from ...framework.values.tracks import Tracks
 from ...metrics.episode import SMALLEST, squared_mahalanobis
 from .assembly import more_modes

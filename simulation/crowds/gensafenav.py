@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.polygon import convex_hull, separation
 from ...people.models import circular_force, shortened
 from .base import STEP
 
@@ -157,8 +158,6 @@ class Groups:
 
     def entered(self, places: Array, robot: Array, radius: float) -> bool:
         """Return whether a robot of this radius, m, is in the hull of a group's centres."""
-        import shapely
-
-        members = [places[[leader, *led]] for leader, led in self.led.items()]
-        hulls = shapely.convex_hull([shapely.MultiPoint(one) for one in members])
-        return bool((shapely.distance(hulls, shapely.Point(robot)) < radius).any())
+        members = (places[[leader, *led]] for leader, led in self.led.items())
+        hulls = (convex_hull(one)[::-1] for one in members)
+        return any(separation(robot[None], hull)[0] < radius for hull in hulls)

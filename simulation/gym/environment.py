@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ...controllers.policy_observer import ObservationSpec, PolicyObserver
 from ...framework.controller import Controller, fresh
 from ...framework.plugins.config import build
-from ...framework.plugins.extras import missing
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, positive
-from ...framework.values.errors import WideberthError
+from ...framework.values.errors import WideberthError, missing
 from ...framework.values.motion import Command, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from ...framework.numerics.special import content_bound
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import content_bound
 from ...metrics.statistics import known_mean
 from ..log.episode_log import Episode
 from ..log.frames import RigidMotion

@@ -15,8 +15,8 @@ from wideberth.experiments.studies.reacting_calibration import (
     counts,
     next_radius,
 )
+from wideberth.framework.numerics.special import content_bound
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.forecast import content_bound
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.episode import squared_mahalanobis
 from wideberth.predictors.conformal import Conformal

@@ -23,7 +23,8 @@ ROOMS = {
 }
 HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
-    "numba", "mujoco", "rosbags", "rclpy",
+    "numba", "mujoco", "rosbags", "rclpy", "scipy", "shapely", "loky", "cloudpickle", "jinja2",
+    "platformdirs", "pyarrow", "pyrvo",
 }  # fmt: skip
 COMPILED = ROOT / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a

@@ -6,12 +6,13 @@ from typing import final
 import numpy as np
 import pytest
 
+from wideberth.framework.numerics.special import content_bound
 from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.forecast import Forecast, Scene, content_bound
+from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.episode import squared_mahalanobis
 from wideberth.predictors.functional_constant import (

@@ -16,10 +16,11 @@ from wideberth.framework.calibration import Calibration
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
+from wideberth.framework.numerics.special import content_bound
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.coverage import Event
-from wideberth.framework.values.forecast import Forecast, Scene, content_bound
+from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.episode import inside_content, squared_mahalanobis
 from wideberth.predictors.calibrations.boole import Boole

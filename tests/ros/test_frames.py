@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wideberth import WideberthError
-from wideberth.ros.frames import FrameTree, composed, inverted, tilt_of, yaw_of
+from wideberth.ros.frames import FrameTree, composed, inverted, quaternion_of, tilt_of, yaw_of
 
 NAMES = ("map", "odom", "base", "lidar")
 
@@ -28,6 +28,14 @@ def test_motions_are_those_of_matrices(seed: int) -> None:
     a, b = poses(2, seed)
     np.testing.assert_allclose(matrix(composed(a, b)), matrix(a) @ matrix(b), atol=1e-12)
     np.testing.assert_allclose(matrix(inverted(a)), np.linalg.inv(matrix(a)), atol=1e-12)
+
+
+def test_quaternions_are_scipys() -> None:
+    turns = Rotation.random(200, random_state=np.random.RandomState(4))
+    for turn in turns:
+        found = quaternion_of(turn.as_matrix())
+        wanted = turn.as_quat()
+        np.testing.assert_allclose(found, wanted * np.sign(found @ wanted), atol=1e-15)
 
 
 @pytest.mark.parametrize("yaw", [-3.1, -1.0, 0.0, 0.4, 2.0, 3.1])
