@@ -1,0 +1,164 @@
+"""The core alone: what it brings, and that all of the rest is asked for in one line."""
+
+import json
+import re
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+
+from wideberth.tests.helpers.core_only import core, python, wideberth
+from wideberth.tests.house.test_imports import ROOMS, ROOT, files_of
+
+LARGEST, MOST = 500e6, 25
+"""Bytes and number of the distributions that the core's dependencies bring, all together."""
+COMPILED = ("wideberth.solvers.riccati._core",)
+"""Written for Numba alone, and imported where that is at hand."""
+LINE = re.compile(r"pip install 'wideberth\[[\w-]+\]'")
+
+
+def test_the_core_is_small() -> None:
+    found = core()
+    sizes = {
+        name: sum(file.size or 0 for file in distribution(name).files or ()) for name in found
+    }
+    assert len(found) <= MOST, sorted(found)
+    assert sum(sizes.values()) <= LARGEST, sizes
+    assert sizes["casadi"] > 1e8 and "scipy" not in found
+
+
+IMPORTED = """
+print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules}
+                        - set(sys.stdlib_module_names) - before)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("statement", "most"),
+    [
+        ("import wideberth", {"wideberth"}),
+        (
+            "from wideberth.experiments.cli.app import app\n"
+            "from typer.main import get_command\n"
+            "get_command(app).get_help",
+            {"wideberth", "annotated_doc", "click", "rich", "shellingham", "typer",
+             "typing_extensions"},
+        ),
+    ],
+)  # fmt: skip
+def test_what_an_import_brings(statement: str, most: set[str], tmp_path: Path) -> None:
+    begin = 'import json, sys\nbefore = {name.partition(".")[0] for name in sys.modules}\n'
+    done = python(tmp_path, begin + statement + IMPORTED)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "wideberth" in json.loads(done.stdout) and set(json.loads(done.stdout)) <= most
+
+
+WALK = """
+import importlib, json
+found = {}
+for name in sys.argv[1].split():
+    try:
+        importlib.import_module(name)
+    except Exception as error:
+        found[name] = f"{type(error).__name__}: {error}"
+print(json.dumps(found))
+"""
+
+
+def test_every_module_can_be_imported_or_names_its_extra(tmp_path: Path) -> None:
+    names = [
+        ".".join(("wideberth", *path.relative_to(ROOT).with_suffix("").parts))
+        for room in ROOMS
+        for path in files_of(room)
+        if not {"data", "files"} & {*path.relative_to(ROOT).parts} and path.stem != "__init__"
+    ]
+    done = python(tmp_path, WALK, " ".join(names))
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = {name: text for name, text in json.loads(done.stdout).items() if name not in COMPILED}
+    assert len(names) > 500 and all(LINE.search(text) for text in found.values()), found
+    assert len(found) < 5, found
+
+
+BUILT = """
+import json
+from wideberth.framework.plugins.config import build
+from wideberth.framework.plugins.registry import ROOMS, names
+found = {}
+for room in ROOMS:
+    for name in names(room):
+        try:
+            build(room, {"type": name, "robot": "unicycle"} if room == "controllers" else name)
+        except Exception as error:
+            found[f"{room}.{name}"] = f"{type(error).__name__}: {error}"
+print(json.dumps(found))
+"""
+BEYOND = {
+    "controllers.nav2", "controllers.orca", "detectors.outside_map",
+    "experiments.convex_certificates", "predictors.reacting_people", "route_planners.navfn",
+    "route_planners.smoothed", "scenarios.cylinder_field", "trackers.kf_hungarian",
+    "trackers.nearest",
+}  # fmt: skip
+"""Built-in plug-ins that need an extra."""
+
+
+def test_a_plug_in_that_cannot_be_built_names_its_extra(tmp_path: Path) -> None:
+    """Others lack a setting, or are built."""
+    done = python(tmp_path, BUILT)
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = json.loads(done.stdout)
+    assert all(text.startswith("WideberthError: ") for text in found.values()), found
+    asked = {name for name, text in found.items() if LINE.search(text)}
+    rest = {name: text for name, text in found.items() if name not in asked}
+    assert not [text for text in rest.values() if "No module named" in text], rest
+    assert asked == BEYOND
+
+
+def test_the_first_script_runs(tmp_path: Path) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    done = python(tmp_path, script)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "Command(" in done.stdout and (tmp_path / "plan.png").stat().st_size > 10_000
+
+
+def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:
+    for words in (
+        ("run", "approximation_error", "--quick"),
+        ("figures", "results/approximation_error-quick"),
+        ("run", "crossing", "--quick", "--no-figures"),
+        ("play", "results/crossing-quick", "--out", "page.html", "--no-open"),
+        ("show", "results/crossing-quick"),
+        ("describe", "mahalanobis_ellipse"),
+        ("list",),
+    ):
+        done = wideberth(tmp_path, *words)
+        assert done.returncode == 0, f"{words}: {done.stderr[-2000:]}"
+    assert list((tmp_path / "results" / "approximation_error-quick" / "figures").glob("*.png"))
+    assert (tmp_path / "page.html").stat().st_size > 100_000
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        (("run", "approximation_error", "--quick", "--workers", "2"), "studies"),
+        (("report", "results/approximation_error-quick"), "studies"),
+        (("run", "convex_certificates"), "certificates"),
+        (("run", "crowd_agility"), "fast"),
+        (("run", "blind_corner"), "maps"),
+        (("check", "controller", "orca", "--set", "robot=unicycle"), "sim"),
+        (("check", "predictor", "kalman", "--set", "backend=filterpy"), "oracles"),
+        (("check", "predictor", "var", "--set", "backend=statsmodels"), "oracles"),
+        (("check", "predictor", "reacting_people"), "fast"),
+        (("check", "route_planner", "navfn"), "fast"),
+        (("check", "tracker", "nearest"), "maps"),
+        (("check", "scenario", "cylinder_field"), "maps"),
+    ],
+)
+def test_what_needs_more_ends_in_one_line(
+    words: tuple[str, ...], extra: str, tmp_path: Path
+) -> None:
+    done = wideberth(tmp_path, *words)
+    assert done.returncode == 2, done.stderr[-2000:]
+    lines = [line for line in done.stderr.splitlines() if "..." not in line]
+    assert len(lines) == 1 and f"pip install 'wideberth[{extra}]'" in lines[0], done.stderr
+    assert not list(tmp_path.iterdir()), "nothing was begun"
