@@ -98,3 +98,8 @@ def pages_of_the_site() -> set[str]:
     files = [Path("docs/tutorials"), Path("docs/gallery")]
     files += [path.relative_to(ROOT) for path in (ROOT / "docs").glob("*.md")]
     return {f"{document(file)}.html" for file in files}
+
+
+def test_no_change_stands_twice() -> None:
+    entries = re.findall(r"^- (.{40})", read("CHANGELOG.md"), re.MULTILINE)
+    assert len(entries) > 80 and sorted(entries) == sorted({*entries})
