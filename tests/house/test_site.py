@@ -70,6 +70,13 @@ def test_a_letter_is_a_symbol_where_a_formula_uses_it() -> None:
     assert first == "With :math:`q =\\ \\sqrt{n}`, a set of :math:`n` points; C is a language."
 
 
+def test_every_entry_of_the_reference_has_a_name_and_a_sentence() -> None:
+    from _site.reference import groups, overview
+
+    for group in groups():
+        assert overview(group) and all(entry.line for entry in group.entries), group.name
+
+
 def test_inherited_members_are_named_with_their_page() -> None:
     from _site.reference import inherited  # type: ignore[import-not-found]
 
