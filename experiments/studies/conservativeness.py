@@ -14,7 +14,7 @@ from ..drawing.plotting import entry, subplots, title
 from ..engine.closed_loop import column, condense, group, outcome, pick
 from .episodes import PlacesStudy
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
-from .variants import planner_of
+from .variants import exchanged
 
 ORACLE = "oracle"
 """Name of the predictor that the others are compared with."""
@@ -63,7 +63,7 @@ class Conservativeness(PlacesStudy):
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
-        planner_of(self.planner)
+        self.controllers()
         if ORACLE not in self.predictors:
             raise WideberthError(
                 f"predictors are {sorted(self.predictors)}; one must be named {ORACLE!r}: the "
@@ -81,9 +81,8 @@ class Conservativeness(PlacesStudy):
 
     def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with each region and covariance rule."""
-        planner = planner_of(self.planner)
         return {
-            f"{region} {rule}": replace(planner, region=shape, predictor=predictor)
+            f"{region} {rule}": exchanged(self.planner, region=shape, predictor=predictor)
             for region, shape in self.regions.items()
             for rule, predictor in self.predictors.items()
         }

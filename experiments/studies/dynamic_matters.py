@@ -1,7 +1,7 @@
 """The paper's headline: treating obstacles as moving beats treating them as static."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self, final
 
 from ...framework import Controller, Predictor
@@ -9,7 +9,7 @@ from ..drawing.strips import strips
 from ..engine.closed_loop import condense, group, outcome, pick
 from .episodes import PlacesStudy
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
-from .variants import planner_of
+from .variants import exchanged
 
 COLUMNS = (
     *("episodes", "collisions", "deadlocks", "goals_in_time", "clearance_min_m"),
@@ -51,7 +51,7 @@ class DynamicMatters(PlacesStudy):
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
-        planner_of(self.planner)
+        self.controllers()
 
     def axes(self) -> Axes:
         """Each scenario with each predictor."""
@@ -59,8 +59,9 @@ class DynamicMatters(PlacesStudy):
 
     def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with each predictor."""
-        planner = planner_of(self.planner)
-        return {name: replace(planner, predictor=one) for name, one in self.predictors.items()}
+        return {
+            name: exchanged(self.planner, predictor=one) for name, one in self.predictors.items()
+        }
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""

@@ -48,7 +48,7 @@ class SeededStudy(GridStudy):
         whole("seeds", self.seeds)
         whole("first_seed", self.first_seed, least=0)
         probability("tail", self.tail)
-        for entry in fields(self):
+        for entry in (one for one in fields(self) if one.init):
             if getattr(self, entry.name) == {} and entry.default_factory is not dict:
                 raise WideberthError(f"{entry.name} is empty; name at least one")
         self.validate()

@@ -1,18 +1,20 @@
 """Predictors and regions, each with each in one planner: what the pairs do in closed loop."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework import Controller, Predictor, Region, WideberthError
+from ...framework import Controller, Predictor, Region
 from ...framework.controller import driving
 from ..drawing.plotting import PAGE, subplots
 from ..drawing.shaded_tables import shaded
 from .episode_statistics import ANSWERS, SOURCES, against, condensed
 from .episodes import OnePlaceStudy, check_robots, measured
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
+from .variants import exchanged
 
 
 @final
@@ -47,22 +49,17 @@ class PlannerParts(OnePlaceStudy):
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
-        own: Any = fields(self.planner) if is_dataclass(self.planner) else ()
-        missing = sorted({"predictor", "region"} - {entry.name for entry in own if entry.init})
-        if missing:
-            raise WideberthError(
-                f"planner is {type(self.planner).__name__}, without {' and '.join(missing)}; "
-                "wanted one that takes both, such as mpc"
-            )
         check_robots({"scenario": self.scenario}, {"robot": self.robot}, {"planner": self.planner})
+        for predictor, region in product(self.predictors, self.regions):
+            self.pair(predictor, region)
 
     def pair(self, predictor: str, region: str) -> Controller:
         """Return the planner with a predictor and a region."""
-        made: Any = driving(self.planner, self.robot)
-        changed: Controller = replace(
-            made, predictor=self.predictors[predictor], region=self.regions[region]
+        return exchanged(
+            driving(self.planner, self.robot),
+            predictor=self.predictors[predictor],
+            region=self.regions[region],
         )
-        return changed
 
     def axes(self) -> Axes:
         """Each predictor with each region."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
@@ -34,9 +34,15 @@ class Tuning(OnePlaceStudy):
 
     Parameters
     ----------
-    planner : the base setting, any controller.
+    planner : config of the base setting, any controller; it stays as it is stated, so that what
+        our recommended planner derives from robot, speed and step follows a factor that changes
+        them.
     factors : dotted key of the planner's config, as for ``--set``, and the values it takes; its
         value in the base is left out where it stands among them.
+
+    Attributes
+    ----------
+    base : the controller that the config makes.
     """
 
     claim: ClassVar[str] = (
@@ -55,8 +61,9 @@ class Tuning(OnePlaceStudy):
         *("time_difference_s", "clearance_median_m", "pareto", "judged_outcome", "errors"),
     )
 
-    planner: Controller
+    planner: dict[str, Any] | str
     factors: dict[str, tuple[Any, ...]]
+    base: Controller = field(init=False, repr=False)
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
@@ -65,28 +72,37 @@ class Tuning(OnePlaceStudy):
         if not all(self.factors.values()):
             empty = sorted(key for key, values in self.factors.items() if not values)
             raise WideberthError(f"factors {empty} have no values")
-        check_robots({"scenario": self.scenario}, {"robot": self.robot}, {"planner": self.planner})
-        for key in self.variants():
-            self.variant(*key)
+        base: Controller = build("controllers", self.planner, "planner")
+        object.__setattr__(self, "base", base)
+        check_robots({"scenario": self.scenario}, {"robot": self.robot}, {"planner": base})
+        self.variants()
 
-    def variants(self) -> dict[tuple[str, str], dict[str, Any]]:
-        """Factor and value -> config of the planner with it; the base first."""
-        base = describe(driving(self.planner, self.robot))
+    def variants(self) -> dict[tuple[str, str], Controller]:
+        """Factor and value -> the planner with it; the base first."""
+        base = driving(self.base, self.robot)
         found = {(BASE, ""): base}
-        for key, values in self.factors.items():
+        for factor, values in self.factors.items():
             for value in values:
-                changed = deepcopy(base)
-                assign(changed, key, value, f"factors.{key}")
-                if changed != base:
-                    found[key, worded(value)] = changed
+                assign(describe(base), factor, value, f"factors.{factor}")  # is there such a key?
+                changed = self._changed(factor, value)
+                if describe(changed) != describe(base):
+                    found[factor, worded(value)] = changed
         return found
 
     def variant(self, factor: str, value: str) -> Controller:
         """Return the planner with one setting changed."""
-        made: Controller = build(
-            "controllers", self.variants()[factor, value], f"factors.{factor}"
-        )
-        return made
+        if factor == BASE:
+            return driving(self.base, self.robot)
+        named = {worded(one): one for one in self.factors[factor]}
+        return self._changed(factor, named[value])
+
+    def _changed(self, factor: str, value: Any) -> Controller:
+        """Return the planner that the config makes with another value of a factor."""
+        stated = {"type": self.planner} if isinstance(self.planner, str) else self.planner
+        config, place = deepcopy(stated), f"factors.{factor}"
+        assign(config, factor, deepcopy(value), place)
+        made: Controller = build("controllers", config, place)
+        return driving(made, self.robot)
 
     def axes(self) -> Axes:
         """Each setting."""
@@ -94,7 +110,7 @@ class Tuning(OnePlaceStudy):
 
     def controllers(self) -> Mapping[str, Controller]:
         """Return the planner with every setting."""
-        return {" ".join(key).strip(): self.variant(*key) for key in self.variants()}
+        return {" ".join(key).strip(): made for key, made in self.variants().items()}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""

@@ -65,7 +65,7 @@ def test_factors_that_make_no_planner_are_refused(shipped: Tuning) -> None:
 def test_a_robot_that_does_not_fit_is_refused(shipped: Tuning) -> None:
     with pytest.raises(WideberthError, match=r"scenario has room for .* 0\.4 m, and robot has"):
         replace(shipped, scenario=RecordedScene())
-    slow = replace(planner_of(shipped.planner).robot, max_speed=0.5)  # type: ignore[type-var]
+    slow = replace(planner_of(shipped.base).robot, max_speed=0.5)  # type: ignore[type-var]
     with pytest.raises(WideberthError, match=r"^planner drives Unicycle.*, unlike robot: write"):
         replace(shipped, robot=slow)
 

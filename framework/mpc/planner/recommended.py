@@ -29,6 +29,8 @@ HEADROOM = 1.4
 """Largest speed of a robot over its reference speed (the paper's 0.7 m/s over 0.5 m/s)."""
 PERSON, MOST_ASIDE, LONGEST_ASIDE = 0.3, 3.5, 20.0
 """m, s and s: radius of a person; longest time to move aside that suits people; longest sought."""
+TRACKING = "tracking"
+"""Cost of the planner, unless another one is named."""
 _TICK, _RATES = 0.05, (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 """s, and rad/s: step, and yaw rates that are tried, when the time to move aside is sought."""
 _POWERS = {
@@ -139,7 +141,7 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
         "track_dt": dt,
         "horizon": max(PlannerSettings.horizon, ceil(max(AHEAD, STOPPING / k) / dt - 1e-9)),
     }
-    cost = _scaled_cost(given.get("cost", "tracking"), k)
+    cost = _scaled_cost(given.get("cost", TRACKING), k)
     derived |= for_polygons(robot)
     return settings | {**derived, **given, "type": "mpc", "robot": robot, "cost": cost}
 
@@ -152,6 +154,8 @@ def for_polygons(robot: Robot) -> dict[str, str]:
 def _scaled_cost(cost: Any, k: float) -> Any:
     """Return the config of a cost whose weights, where none are stated, follow the speed."""
     settings = {"type": cost} if isinstance(cost, str) else cost
+    if isinstance(settings, Mapping) and not {"type", "saved"} & {*settings}:
+        settings = {"type": TRACKING, **settings}
     kind = settings.get("type") if isinstance(settings, Mapping) else None
     known = load("costs", kind) if kind in choices("costs") else None
     if known not in (Tracking, Contouring):
