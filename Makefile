@@ -50,6 +50,7 @@ lint: style             ## check style and types
 	cd .venv/link && ../bin/mypy --config-file wideberth/pyproject.toml \
 	  --cache-dir ../../.mypy_cache wideberth/__init__.py $(ROOMS:%=wideberth/%)
 	$(BIN)/pyright
+	$(BIN)/python tests/house/typed_scripts.py
 	cd .venv/typed && PATH=$(CURDIR)/$(BIN):$$PATH PYTHONPATH=. pyright \
 	  --verifytypes wideberth --ignoreexternal
 
@@ -110,6 +111,8 @@ lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	$(LOCK) -c requirements.lock $(ROS_EXTRAS:%=--extra %) --extra ros -o tests/ros/kilted.lock
 	$(LOCK) -c requirements.lock $(ROS_EXTRAS:%=--extra %) --extra ros-jazzy -o tests/ros/jazzy.lock
 
+# Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
+# .venv/link there; imports go on to find the clone itself, which pip's finder names.
 .venv/ready: pyproject.toml requirements.lock
 	$(PY) -m venv .venv
 	$(BIN)/python -m pip install -q uv
@@ -118,4 +121,7 @@ lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	mkdir -p .venv/link .venv/typed/wideberth && ln -sfn ../.. .venv/link/wideberth
 	for part in __init__.py __init__.pyi py.typed $(ROOMS); do \
 	  ln -sfn ../../../$$part .venv/typed/wideberth/$$part; done
+	printf '%s\nimport sys; sys.meta_path.sort(key=%s)\n' "$(CURDIR)/.venv/link" \
+	  'lambda one: "__editable___wideberth" not in one.__module__' > \
+	  "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/wideberth.pth"
 	touch $@

@@ -29,8 +29,8 @@ def plan(shown: Plan, ax: "Axes | None" = None) -> "Axes":
 
     Examples
     --------
-    >>> ax = plan(planner.plan)             # doctest: +SKIP
-    >>> ax.figure.savefig("plan.png")       # doctest: +SKIP
+    >>> ax = plan(planner.plan)          # doctest: +SKIP
+    >>> pyplot.savefig("plan.png")       # doctest: +SKIP
     """
     return picture(lambda panel: _plan(panel, shown), shown.positions.shape[1], ax)
 

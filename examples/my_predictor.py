@@ -10,6 +10,7 @@ from typing import final
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Circle
 
 from wideberth import Forecast, Predictor, Scene, Tracks, register
 from wideberth.framework import check_predictor
@@ -81,7 +82,7 @@ def draw(tracks: Tracks, file: str) -> None:
         axes.plot(*mean.T, color=colour, marker=marker, markersize=4, label=name)
         for centre, covariance in zip(mean, forecast.covariance[0, 0], strict=True):
             deviation = np.sqrt(covariance[0, 0])
-            axes.add_patch(plt.Circle(centre, deviation, color=colour, fill=False, alpha=0.4))
+            axes.add_patch(Circle(centre, deviation, color=colour, fill=False, alpha=0.4))
     axes.set(xlabel="x / m", ylabel="y / m", aspect="equal")
     axes.legend()
     figure.savefig(file, dpi=150, bbox_inches="tight")

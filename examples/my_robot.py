@@ -11,6 +11,7 @@ from typing import ClassVar, final
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Circle
 
 from wideberth import Detection, Observation, Path, Pose, Robot, Twist, build, register
 from wideberth.framework import Bounds, Quantity, Scalar, check_robot
@@ -93,15 +94,16 @@ def draw(file: str) -> None:
     planner = build("controllers", settings)
     planner.set_path(Path([(0.0, 0.0), (8.0, 0.0)]))
     noise = 1e-4 * np.eye(2)  # m^2, of a measured position
-    person = Detection("person", (2.5, -0.1), noise, radius=0.3)
+    place = (2.5, -0.1)  # m
+    person = Detection("person", place, noise, radius=0.3)
     planner.command(Observation(stamp=0.0, state=(0.0, 0.0, 0.0), detections=(person,)))
 
     figure, axes = plt.subplots(figsize=(7, 3))
     axes.plot([0.0, 5.0], [0.0, 0.0], "k:", label="path")
     axes.plot(*planner.plan.positions.T, "ko-", markersize=3, label="plan")
-    axes.add_patch(plt.Circle(person.position, person.radius, color="0.6", label="person"))
+    axes.add_patch(Circle(place, person.radius, color="0.6", label="person"))
     for centre in planner.plan.positions[::3]:
-        axes.add_patch(plt.Circle(centre, robot.radius, fill=False, color="0.6"))
+        axes.add_patch(Circle(centre, robot.radius, fill=False, color="0.6"))
     axes.set(xlabel="x / m", ylabel="y / m", aspect="equal", ylim=(-1.0, 1.5))
     axes.legend(loc="upper left")
     figure.savefig(file, dpi=150, bbox_inches="tight")

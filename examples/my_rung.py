@@ -9,6 +9,7 @@ from typing import ClassVar, final
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Circle
 
 from wideberth import Detection, Observation, Path, Twist, build
 from wideberth.framework import FallbackRung, NotHeld, Solver, steer
@@ -77,7 +78,7 @@ def plan_with(rungs):
 def draw(plans, file):
     """Draw the positions of some plans."""
     figure, axes = plt.subplots(figsize=(7, 2.5))
-    axes.add_patch(plt.Circle(PERSON, RADIUS, color="0.7"))
+    axes.add_patch(Circle(PERSON, RADIUS, color="0.7"))
     for plan, marker in zip(plans, "os", strict=True):
         axes.plot(*plan.positions.T, marker=marker, fillstyle="none", label=str(plan.rung))
     axes.set(xlabel="x / m", ylabel="y / m", aspect="equal")

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, final
 import casadi
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Circle
 from scipy.special import ndtr
 
 from wideberth import Detection, Observation, Path, Pose, Robot, build, register
@@ -263,14 +264,17 @@ def planner(**changes: Any) -> Any:
 def drive(made: Any) -> Any:
     """Let the planner watch the cart for a while, and plan as it is about to cross the way."""
     made.set_path(Path([(0.0, 0.0), (12.0, 0.0)]))
-    state = (0.0, 0.0, 0.0, 0.5, 0.0)  # x, y, heading, speed, yaw rate
-    for time in np.arange(-4.0, 0.5, 0.5):  # s
-        place = np.array([2.5, -1.6 + 0.5 * time])  # m, the cart drives north at 0.5 m/s
-        cart = Detection("cart", place, 1e-4 * np.eye(2), 0.05)
-        seen = Observation(float(time), state, (cart,))
-        made.remember(seen)
-    made.command(seen)
+    for time in np.arange(-4.0, 0.0, 0.5):  # s
+        made.remember(seen(time))
+    made.command(seen(0.0))
     return made.plan
+
+
+def seen(time: float) -> Observation:
+    """Return what the robot sees at a time, s."""
+    state = (0.0, 0.0, 0.0, 0.5, 0.0)  # x, y, heading, speed, yaw rate
+    place = (2.5, -1.6 + 0.5 * time)  # m, the cart drives north at 0.5 m/s
+    return Observation(time, state, [Detection("cart", place, 1e-4 * np.eye(2), 0.05)])
 
 
 def draw(plan: Any, file: str) -> None:
@@ -281,7 +285,7 @@ def draw(plan: Any, file: str) -> None:
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for i in range(1, len(plan.states), 2):
         shade = 0.15 + 0.7 * i / len(plan.states)
-        axes.add_patch(plt.Circle(plan.positions[i], 0.4, fill=False, color="C0", alpha=shade))
+        axes.add_patch(Circle(plan.positions[i], 0.4, fill=False, color="C0", alpha=shade))
         axes.fill(*carts[i - 1].T, facecolor="none", edgecolor="C3", alpha=shade)
     axes.plot(*plan.positions.T, color="C0", label="robot, every second step")
     axes.plot(*mean.T, color="C3", label="cart, forecast")

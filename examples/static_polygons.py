@@ -17,6 +17,9 @@ WALLS = (
 START = (0.0, 0.0, 0.0, 0.5, 0.0)  # x, y in m, heading in rad, speed in m/s, yaw rate in rad/s
 
 
+MARGIN = 0.1  # m, kept free around the body
+
+
 def make_planner():
     """Return a planner of a unicycle with a rectangular body."""
     return build(
@@ -29,7 +32,7 @@ def make_planner():
             "predictor": "kalman",
             "level": "fixed",
             "solver": "riccati",
-            "margin": 0.1,  # m, kept free around the body
+            "margin": MARGIN,
         },
     )
 
@@ -57,5 +60,5 @@ if __name__ == "__main__":
     planner = make_planner()
     planner.set_path(Path([(0, 0), (12, 0)]))
     planner.command(Observation(stamp=0.0, state=START, polygons=WALLS))
-    print("The plan is", planner.plan.rung, "and keeps", planner.margin, "m from both walls")
+    print("The plan is", planner.plan.rung, "and keeps", MARGIN, "m from both walls")
     draw(planner.plan, "gap.png")

@@ -17,12 +17,16 @@ walls = (
 planner = recommended({"type": "unicycle", "radius": 0.4}, speed=0.5, quiet=True)
 planner.set_path(Path([(0, 0.5), (10, 0.5)]))
 
-for k in range(-10, 1):
-    time = 0.5 * k  # s
+
+def seen(time):
+    """Return what the robot sees at a time, s."""
     person = Detection("person", (8.0, -3.0 + 0.3 * time), 1e-4 * np.eye(2), radius=0.3)
     state = (0.5 + 0.5 * time, 0.5, 0.0, 0.5, 0.0)
-    observation = Observation(time, state, detections=(person,), polygons=walls)
-    planner.remember(observation)
-planner.command(observation)
+    return Observation(time, state, detections=(person,), polygons=walls)
+
+
+for k in range(-10, 0):
+    planner.remember(seen(0.5 * k))
+planner.command(seen(0.0))
 
 draw.plan(planner.plan)

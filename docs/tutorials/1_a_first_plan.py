@@ -34,20 +34,24 @@ from wideberth import Detection, Observation
 
 noise = [[0.0004, 0.0], [0.0, 0.0004]]  # m^2: each coordinate is measured to 2 cm
 
-for k in range(-20, 1):
-    time = 0.25 * k  # s; now is 0
+
+def seen(time):
+    """Return what the robot sees at a time, s."""
     position = (6.0, -1.5 + 0.8 * time)  # m: the person walks upwards at 0.8 m/s
     person = Detection("person", position, noise, radius=0.3)
     state = (time, 0.0, 0.0, 1.0, 0.0)  # x, y, heading, speed, yaw rate
-    observation = Observation(stamp=time, state=state, detections=(person,))
-    planner.remember(observation)
+    return Observation(stamp=time, state=state, detections=(person,))
+
+
+for k in range(-20, 0):
+    planner.remember(seen(0.25 * k))
 
 # %%
 # The plan
 # --------
 # ``command`` plans, and returns what the robot should do now: the speed to reach and how fast to turn.
 
-command = planner.command(observation)
+command = planner.command(seen(0.0))
 print(command)
 
 # %%
@@ -69,9 +73,10 @@ wideberth.draw.plan(plan)
 print(plan.rung, plan.reason)
 
 # %%
-# The forecast behind the plan can be drawn alone. An ellipse holds the person with 95 %.
+# The forecast behind the plan can be drawn alone. An ellipse holds the person with 95 %. An emergency stop has none.
 
-wideberth.draw.forecast(plan.forecast)
+if plan.forecast is not None:
+    wideberth.draw.forecast(plan.forecast)
 
 # %%
 # Try another speed of the person, or another path, and look again. In :doc:`2_your_own_tracks` the people are

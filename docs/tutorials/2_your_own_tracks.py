@@ -84,7 +84,9 @@ from wideberth import Detection, Observation, Path, recommended
 planner = recommended("unicycle", speed=1.0, quiet=True)
 planner.set_path(Path([(-2, 6), (-2, -6)]))
 
-for k in range(row - 12, row + 1):
+
+def seen(k: int):
+    """Return what the robot sees at a row of the recording."""
     time = recording.times[k]
     people = [
         Detection(name, position, 1e-4 * np.eye(2), radius=0.3)
@@ -93,10 +95,12 @@ for k in range(row - 12, row + 1):
     ]
     y = 4.0 - 1.0 * (time - recording.times[row])  # m: it drives downwards at 1 m/s
     state = (-2.0, y, -np.pi / 2, 1.0, 0.0)  # x, y, heading, speed, yaw rate
-    observation = Observation(stamp=time, state=state, detections=tuple(people))
-    planner.remember(observation)
+    return Observation(stamp=time, state=state, detections=people)
 
-planner.command(observation)
+
+for k in range(row - 12, row):
+    planner.remember(seen(k))
+planner.command(seen(row))
 draw.plan(planner.plan)
 
 # %%

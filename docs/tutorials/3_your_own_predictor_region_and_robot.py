@@ -191,13 +191,17 @@ planner = build(
 )
 planner.set_path(Path([(0, 0), (10, 0)]))
 
-noise = 1e-4 * np.eye(2)  # m^2
-for k in range(-20, 1):
-    time = 0.5 * k  # s
+
+def seen(time):
+    """Return what the robot sees at a time, s."""
+    noise = 1e-4 * np.eye(2)  # m^2
     person = Detection("person", (4.0, 1.0 + 0.3 * time), noise, radius=0.3)
-    observation = Observation(stamp=time, state=(0.0, 0.0, 0.0), detections=(person,))
-    planner.remember(observation)
-planner.command(observation)
+    return Observation(stamp=time, state=(0.0, 0.0, 0.0), detections=(person,))
+
+
+for k in range(-20, 0):
+    planner.remember(seen(0.5 * k))
+planner.command(seen(0.0))
 draw.plan(planner.plan)
 
 # %%

@@ -101,7 +101,9 @@ draw(plt.figure().add_subplot())
 # regions hold what they say, whatever the distribution of the errors. It learns from the other twenty people: never
 # judge a predictor on what it has learnt from.
 
-conformal = build("predictors", {"type": "conformal", "base": "kalman", "tail": 0.05})
+from wideberth.predictors import Conformal
+
+conformal = Conformal(build("predictors", "kalman"), tail=0.05)
 fitted = conformal.fit([scene(walks[20:])])
 
 tails = {}

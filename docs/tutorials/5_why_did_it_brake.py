@@ -11,16 +11,22 @@ need not guess. This page makes a robot brake, reads the reasons, and changes wh
 # ---------
 # The robot drives at 0.5 m/s. Suddenly a person is there, 4 m ahead and 1.6 m aside, whom it has never seen before.
 
-from wideberth import Detection, Observation, Path, build, draw
+from wideberth import Detection, Observation, Path, build, controllers, draw
 
-SETTINGS = {
-    "type": "mpc",
-    "robot": "unicycle",
-    "predictor": {"type": "kalman", "acceleration_density": 0.002},  # m^2/s^3: calm people
-    "region": "mahalanobis_ellipse",
-    "level": "fixed",  # asks for 95 % at every step
-    "solver": "riccati",
-}
+CALM = {"type": "kalman", "acceleration_density": 0.002}  # m^2/s^3: people who keep their velocity
+
+
+def planner_of(level):
+    """Return a planner whose regions hold what this level policy asks for."""
+    return controllers.Planner(
+        robot=build("robots", "unicycle"),
+        predictor=build("predictors", CALM),
+        region=build("regions", "mahalanobis_ellipse"),
+        level=build("levels", level),
+        solver=build("solvers", "riccati"),
+    )
+
+
 noise = [[0.0004, 0.0], [0.0, 0.0004]]  # m^2
 
 
@@ -34,7 +40,7 @@ def seen(time):
     return Observation(time, (0.5 * time, 0.0, 0.0, 0.5, 0.0), detections=(person(time),))
 
 
-planner = build("controllers", SETTINGS)
+planner = planner_of("fixed")  # asks for 95 % at every step
 planner.set_path(Path([(-10, 0), (10, 0)]))
 command = planner.command(seen(0.0))
 print(command)
@@ -89,7 +95,7 @@ draw.plan(planner.plan)
 # by what it weighs, but promises even less than the one that backed away: ``given_way`` has the probability that was
 # asked for, the one that is held, from which step on, and because of whom, as the reason above began.
 
-planner = build("controllers", SETTINGS | {"level": {"type": "relaxed", "minimum": 0.0}})
+planner = planner_of({"type": "relaxed", "minimum": 0.0})
 planner.set_path(Path([(-10, 0), (10, 0)]))
 planner.command(seen(0.0))
 print(planner.plan.rung)

@@ -20,7 +20,7 @@ from ..engine.csv_tables import write_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Axes: TypeAlias = Mapping[str | tuple[str, ...], Iterable[Any]]
+Axes: TypeAlias = Mapping[Any, Iterable[Any]]
 """Column of the table, or columns that vary together -> their values; of these, a mapping from a
 name to the values gives each entry a name of its own."""
 Picture: TypeAlias = "Figure | list[Row] | bytes"

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass, fields
 from math import hypot
-from typing import Literal, final
+from typing import Literal, TypeVar, final
 
-from ...framework.values.arrays import positive
+from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 
 HULL_BOTTOM, HULL_TOP = 0.12, 0.52
 """m above the ground: between these a LiDAR of another robot sees the hull."""
+Number = TypeVar("Number", float, Array)
 HULLS = ("cylinder", "box")
 
 
@@ -82,7 +83,7 @@ class SkidSteerBody:
         """
         return self.track**2 / (self.track**2 + self.wheel_base**2)
 
-    def rim_speeds(self, forward: float, yaw_rate: float) -> tuple[float, float]:
+    def rim_speeds(self, forward: float, yaw_rate: Number) -> tuple[Number, Number]:
         """Return the speeds of the left and right rims that give this motion, m/s.
 
         Parameters

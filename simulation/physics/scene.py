@@ -1,18 +1,19 @@
 """What stands and moves in a physical world."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
-import numpy as np
+from numpy.typing import ArrayLike
 
-from ...framework.values.arrays import Array, checked, checked_choice, positive
+from ...framework.values.arrays import Array, checked, checked_choice, positive, settle
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon
 from .body import SkidSteerBody
 from .sensors import Sensor
 
 Cone: TypeAlias = Literal["pyramidal", "elliptic"]
+_SMALL = SkidSteerBody()
 
 
 @final
@@ -35,17 +36,24 @@ class PhysicalRobot:
     """
 
     name: str
-    body: SkidSteerBody = field(default_factory=SkidSteerBody)
-    start: Array = field(default_factory=lambda: np.zeros(3))
-    sensors: tuple[Sensor, ...] = ()
-    grip: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    body: SkidSteerBody
+    start: Array
+    sensors: tuple[Sensor, ...]
+    grip: tuple[float, float, float, float]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "start", checked(f"{self.name}.start", self.start, (3,)))
-        object.__setattr__(self, "sensors", tuple(self.sensors))
-        for factor in checked(f"{self.name}.grip", self.grip, (4,)):
-            positive(f"{self.name}.grip", float(factor))
-        _refuse_twins(f"the sensors of {self.name}", (sensor.name for sensor in self.sensors))
+    def __init__(
+        self,
+        name: str,
+        body: SkidSteerBody = _SMALL,
+        start: ArrayLike = (0.0, 0.0, 0.0),
+        sensors: Iterable[Sensor] = (),
+        grip: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
+    ) -> None:
+        settle(self, name=name, body=body, start=checked(f"{name}.start", start, (3,)))
+        settle(self, sensors=tuple(sensors), grip=grip)
+        for factor in checked(f"{name}.grip", grip, (4,)):
+            positive(f"{name}.grip", float(factor))
+        _refuse_twins(f"the sensors of {name}", (sensor.name for sensor in self.sensors))
 
 
 @final
@@ -62,13 +70,16 @@ class PhysicalPerson:
 
     name: str
     start: Array
-    radius: float = 0.3
-    height: float = 1.7
+    radius: float
+    height: float
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "start", checked(f"{self.name}.start", self.start, (2,)))
-        positive(f"{self.name}.radius", self.radius)
-        positive(f"{self.name}.height", self.height)
+    def __init__(
+        self, name: str, start: ArrayLike, radius: float = 0.3, height: float = 1.7
+    ) -> None:
+        settle(self, name=name, start=checked(f"{name}.start", start, (2,)))
+        settle(self, radius=radius, height=height)
+        positive(f"{name}.radius", radius)
+        positive(f"{name}.height", height)
 
 
 @final

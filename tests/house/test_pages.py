@@ -32,9 +32,8 @@ WITHOUT = {"docs/index.md", "docs/guides.md", "docs/glossary.md"}  # lists of pa
 TESTED_ELSEWHERE = {"README.md", "docs/write-your-own.md"}  # test_readme.py
 NOT_RUN = {"docs/cluster.md"}  # needs SLURM and dask_jobqueue; it is compiled
 PLANNER = """
-from wideberth import Observation, Path, build
-planner = build("controllers", {"type": "mpc", "robot": "unicycle", "predictor": "kalman",
-    "region": "mahalanobis_ellipse", "level": "fixed", "solver": "fatrop"})
+from wideberth import Observation, Path, recommended
+planner = recommended("unicycle", predictor="kalman", level="fixed", solver="fatrop")
 planner.set_path(Path([(0, 0), (12, 0)]))
 observation = Observation(0.0, (0, 0.2, 0, 0.5, 0))
 planner.command(observation)
@@ -48,7 +47,13 @@ from wideberth.experiments.engine.shipped_configs import read_experiment
 short = ["seeds=1", "settings.time_limit=0.5", "planners.default.solver=fatrop"]
 run(read_experiment("crossing", short)[0], Path("results/crossing"))
 """
-BEFORE = {"docs/solving.md": PLANNER, "docs/results.md": RESULT}
+RECORDINGS = """
+from wideberth import Tracks
+recordings: list[Tracks] = []
+"""
+BEFORE = {
+    "docs/solving.md": PLANNER, "docs/results.md": RESULT, "docs/write-your-own.md": RECORDINGS,
+}  # fmt: skip
 """What a page speaks of without showing it."""
 
 
