@@ -41,6 +41,8 @@ INTERFACES = {
     "wideberth.experiments.engine.base": ("Experiment", "Task", "TaskOutcome", "Result"),
 }
 """What one derives from, and the values that its methods take and return."""
+TOOL_ROOMS = ("experiments", "metrics", "perception", "ros", "simulation")
+"""Rooms whose own names are no plug-ins: what guides import from them."""
 RUNGS = ("Optimal", "FeasibleIterate", "ShiftedPlan", "LeastViolation", "Brake")
 ROOM_TITLES = {
     "predictors": ("Predictors", "Where will the obstacles be?"),
@@ -133,10 +135,26 @@ def groups() -> list[Group]:
               tuple(checks))
     )  # fmt: skip
     found.append(
+        Group("tools", "Tools", "What scripts of your own import from a room beside its plug-ins.",
+              tuple(tools(found)))
+    )  # fmt: skip
+    found.append(
         Group("further", "Further types", "What the signatures of the names above mention.",
               further(found))
     )  # fmt: skip
     return found
+
+
+def tools(found: list[Group]) -> Iterable[Entry]:
+    """Collect what `TOOL_ROOMS` offer and no group has yet."""
+    known = {id(entry.found) for group in found for entry in group.entries}
+    for room in TOOL_ROOMS:
+        module = getattr(wideberth, room)
+        for name in module.__all__:
+            one = getattr(module, name)
+            own = inspect.isclass(one) or inspect.isfunction(one)  # no alias of a type, no number
+            if own and id(one) not in known:
+                yield Entry(f"wideberth.{room}.{name}", one)
 
 
 def further(found: list[Group]) -> tuple[Entry, ...]:
