@@ -4,7 +4,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from ..values.errors import missing
+from ..values.errors import missing as missing
 
 
 def from_extra(module: str, extra: str, need: str, otherwise: str = "") -> Any:
