@@ -70,14 +70,18 @@ def _names(found: list[Group]) -> dict[str, Any]:
 
     The members of a plug-in are those of its interface, and its keys; those of a class that two
     packages offer stand in one of them. A module without any is a list. What guides, tutorials
-    and examples import is promised where they import it from.
+    and examples import is promised where they import it from, what a room offers only there.
     """
-    paths = {entry.path: entry.found for group in found for entry in group.entries}
+    listed = _listed()
+    faces = {id(one): path for path, one in listed.items()}
+    documented = {entry.path: entry.found for group in found for entry in group.entries}
+    paths = {path if path in listed else faces.get(id(one), path): one
+             for path, one in documented.items()}  # fmt: skip
     offered = {id(one) for one in paths.values()}
-    shown = {path: one for path, one in _shown().items() if id(one) not in offered}
-    also = {path.replace(":", "."): registry._imported(path) for path in ALSO}
+    also = _shown() | {path.replace(":", "."): registry._imported(path) for path in ALSO}
+    also = {path: one for path, one in also.items() if id(one) not in offered | {*faces}}
     modules: dict[str, dict[str, list[str]]] = {}
-    for path, one in sorted((_listed() | shown | also | paths).items()):
+    for path, one in sorted((listed | also | paths).items()):
         module, _, name = path.rpartition(".")
         again = path not in paths and id(one) in offered
         modules.setdefault(module, {})[name] = [] if again else _inside(one)
@@ -110,7 +114,7 @@ def _shown() -> dict[str, Any]:
 
 def _inside(found: Any) -> list[str]:
     """Return the members of a class, the parameters of a function, and nothing of a constant."""
-    if inspect.isfunction(found):
+    if inspect.isfunction(inspect.unwrap(found)):
         return list(inspect.signature(found).parameters)
     if not inspect.isclass(found) or found in plugins():
         return OWN.get(getattr(found, "__name__", ""), [])
