@@ -36,8 +36,8 @@ def test_the_file_is_what_make_promise_writes() -> None:
     [
         ("names: wideberth: Plan: reason", "a field of a value"),
         ("names: wideberth: build: room", "a parameter of a function"),
-        ("names: wideberth.predictors: Kalman", "a name of a room"),
-        ("names: wideberth.framework.region: Constraint: inequalities", "what a guide imports"),
+        ("names: wideberth.predictors: Kalman", "a plug-in of a room"),
+        ("names: wideberth.framework: Constraint: inequalities", "a field of what a room offers"),
         ("plug-ins: predictors: kalman: speed", "a key of a plug-in"),
         ("plug-ins: controllers: recommended", "a recipe"),
         ("settings: Fallback: rungs", "a key below a plug-in"),
