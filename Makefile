@@ -16,7 +16,7 @@ LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --
   --no-header -q
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test ros style lint types promise docs bench acados core fuzz mutants figures wheel pictures graph lock
+.PHONY: help demo test ros style lint types promise docs bench acados core fuzz mutants figures wheel pictures notebooks graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -100,8 +100,11 @@ wheel: .venv/ready      ## build dist/*.whl and dist/*.tar.gz, check them, and t
 	$(BIN)/twine check --strict dist/*
 	$(BIN)/python tests/house/smoke_wheel.py dist/*.whl
 
-pictures: .venv/ready   ## draw the film at the top of the README
+pictures: .venv/ready   ## draw the film of the README, and what commands draw for the gallery
 	$(BIN)/python docs/draw_pictures.py
+
+notebooks: .venv/ready  ## write the tutorials as notebooks, which Colab opens
+	cd docs && ../$(BIN)/python -c "from _site import tutorials; tutorials.write()"
 
 graph: .venv/ready      ## draw which groups of modules import which
 	$(BIN)/python docs/draw_import_graph.py

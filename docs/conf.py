@@ -3,7 +3,6 @@
 import os
 import re
 import sys
-import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -18,8 +17,7 @@ project = "wideberth"
 author = "the authors of wideberth"
 copyright = author
 release = version = wideberth.__version__
-SETTINGS = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))
-ADDRESSES = SETTINGS["project"]["urls"]
+ADDRESSES = repository.addresses()
 
 extensions = [
     "myst_parser",

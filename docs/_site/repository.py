@@ -6,13 +6,22 @@ that the file became: a guide, a tutorial that was executed, or a page that show
 
 import os.path
 import re
+import tomllib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<target>[^)#:\s]+)(?P<anchor>#[^)\s]*)?\)")
 IMAGE = re.compile(r"(?P<text>!\[[^\]]*\])\((?P<target>[^):\s]+)\)")
 LANGUAGES = {".py": "python", ".yaml": "yaml", ".toml": "toml"}
+
+
+def addresses() -> dict[str, str]:
+    """Return the addresses of the project: Documentation, Source and others."""
+    settings: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    urls: dict[str, str] = settings["project"]["urls"]
+    return urls
 
 
 def document(file: Path) -> str | None:

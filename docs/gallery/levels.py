@@ -19,9 +19,9 @@ policies = {
 }
 
 figure, ax = plt.subplots(figsize=(7, 3.5), layout="constrained")
-for name, config in policies.items():
+for mark, (name, config) in zip("os^", policies.items(), strict=True):
     levels = build("levels", config).levels(region, STEPS, obstacles=1, dimension=2)
     tails = [region.tail(level) for level in levels[:, 0]]
-    ax.semilogy(range(1, STEPS + 1), tails, "o-", markersize=4, label=name)
+    ax.semilogy(range(1, STEPS + 1), tails, f"{mark}-", markersize=4, label=name)
 ax.set(xlabel="step of the plan", ylabel="tail of the region")
 ax.legend()

@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,21 @@ DRAWS = re.compile(r"\bdraw\.\w+\(|\.plot\(\)|\bplt\.(figure|subplots)\(|\.anima
 """Calls of cells that draw."""
 QUICK = ("1_a_first_plan",)
 """All others are slow tests."""
+
+
+def not_installed(installation: str) -> set[str]:
+    """Return the libraries of other extras than those that a notebook installs."""
+    settings = tomllib.loads((TUTORIALS.parents[1] / "pyproject.toml").read_text("utf-8"))
+    extras = settings["project"]["optional-dependencies"]
+    (chosen,) = re.findall(r"wideberth\[([\w,]+)\]", installation)
+    (every,) = re.findall(r"wideberth\[([\w,]+)\]", *extras["all"])
+
+    def libraries(names: str) -> set[str]:
+        listed = [line for name in names.split(",") for line in extras[name]]
+        return {line.partition(">")[0] for line in listed}
+
+    own_of_jupyter = {"platformdirs"}
+    return libraries(every) - libraries(chosen) - own_of_jupyter
 
 
 @pytest.fixture
@@ -56,16 +72,15 @@ def test_every_cell_that_draws_shows_its_picture(
     name: str, tutorials: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import nbformat
-    from sphinx_gallery.gen_gallery import DEFAULT_GALLERY_CONF
-    from sphinx_gallery.notebook import jupyter_notebook
-    from sphinx_gallery.py_source_parser import split_code_and_text_blocks
 
     monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel chooses its own
     monkeypatch.chdir(tmp_path)
-    _, blocks = split_code_and_text_blocks(str(TUTORIALS / f"{name}.py"))
-    settings = {**DEFAULT_GALLERY_CONF, "first_notebook_cell": tutorials.INSTALLATION}
-    made = jupyter_notebook(blocks, settings, str(tmp_path))
-    assert made["cells"].pop(0)["source"] == [tutorials.INSTALLATION]
+    made = json.loads(tutorials.notebook(TUTORIALS / f"{name}.py"))
+    first = made["cells"][0]
+    assert first["source"] == [tutorials.INSTALLATION]
+    absent = not_installed(tutorials.INSTALLATION)
+    assert "numba" in absent and "pandas" not in absent
+    first["source"] = [f"import sys\nsys.modules.update(dict.fromkeys({sorted(absent)}))"]
     cells = executed(nbformat.reads(json.dumps(made), 4)).cells
     code = [one for one in cells if one.cell_type == "code"]
     drawing = [one for one in code if DRAWS.search(one.source)]
@@ -74,11 +89,30 @@ def test_every_cell_that_draws_shows_its_picture(
         assert shown(cell) == {"film" if ".animate(" in cell.source else "picture"}, cell.source
 
 
-def test_a_page_has_a_link_to_its_notebook_at_the_top(tutorials: Any) -> None:
+def test_the_notebooks_that_links_open_are_those_of_the_tutorials(tutorials: Any) -> None:
+    folder = TUTORIALS.parent / "notebooks"
+    made = {f"{one.stem}.ipynb": tutorials.notebook(one) for one in TUTORIALS.glob("*.py")}
+    kept = {one.name: one.read_text(encoding="utf-8") for one in folder.iterdir()}
+    assert kept == made, "run make notebooks"
+    assert all(":doc:" not in text and ":py:" not in text for text in made.values())
+
+
+def test_a_page_has_links_to_its_notebook_at_the_top(tutorials: Any) -> None:
     from sphinx_gallery.gen_rst import EXAMPLE_HEADER
 
     page = EXAMPLE_HEADER.format("1_a.py", "1_a.py", ".") + "\n1. A plan\n=========\n"
     found = tutorials.with_notebook(page, "1_a")
-    assert found.index("<1_a.ipynb>") < found.index("1. A plan") and "Go to the end" not in found
+    top = found[: found.index("1. A plan")]
+    assert "</notebooks/1_a.ipynb>" in top and "Go to the end" not in top
+    assert re.search(r"<https://colab\.\S+/blob/main/docs/notebooks/1_a\.ipynb>", top)
     with pytest.raises(AssertionError):
         tutorials.with_notebook("A page without links", "1_a")
+
+
+def test_names_of_pages_are_links_in_a_notebook(tutorials: Any) -> None:
+    text = "See :doc:`/write-your-own`, :doc:`2_tracks` and :py:obj:`~wideberth.draw.plan`."
+    site = tutorials.addresses()["Documentation"] + "/en/latest"
+    assert tutorials.with_links(text) == (
+        f"See `write your own <{site}/write-your-own.html>`_, "
+        f"`2 tracks <{site}/auto/tutorials/2_tracks.html>`_ and ``plan``."
+    )
