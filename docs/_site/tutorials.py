@@ -52,6 +52,8 @@ def notebook(script: Path) -> str:
     settings = {**DEFAULT_GALLERY_CONF, "first_notebook_cell": INSTALLATION}
     made: dict[str, Any] = jupyter_notebook(linked, settings, str(script.parent))
     del made["metadata"]["language_info"]  # names the version of this Python
+    for cell in made["cells"]:
+        cell["source"] = "".join(cell["source"]).splitlines(keepends=True)
     return json.dumps(made, indent=1, ensure_ascii=False) + "\n"
 
 
