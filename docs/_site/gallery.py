@@ -113,7 +113,9 @@ def write(folder: Path) -> None:
 
 def page_of(one: Picture) -> str:
     """Return the source of the page of a picture: what it shows, and the command."""
-    lines = [one.title, "=" * len(one.title), "", one.text, "", ".. code-block:: sh", ""]
+    lines = [one.title, "=" * len(one.title), "", one.text, ""]
+    lines += [] if one.file else ["In a clone of the repository:", ""]
+    lines += [".. code-block:: sh", ""]
     lines += [f"   {line}" for line in one.command.strip().splitlines()]
     drawn = one.file or f"docs/{one.picture}"
     lines += ["", f"It writes ``{drawn}``:", ""]
