@@ -19,7 +19,7 @@ from ...ros.bag_file import is_bag
 from ..engine.errors import describe_error
 from ..engine.provenance import plugin_modules
 from ..studies.crowd import TrackFile
-from ..studies.prediction_data import FAST, usual_speed
+from ..studies.prediction_data import pace
 
 FEWEST = 2
 """Samples that at least one track of a file must have in a row; how many a predictor needs it says
@@ -129,16 +129,9 @@ def _files(path: Path) -> list[str]:
 
 def described(recording: Recording, noise: float | None = None) -> str:
     """Say of a recording what can be used of it, how noisy it is, and how fast people are."""
-    speed = usual_speed([recording])
     stated = f"measurement noise stated as {noise:g} m" if noise is not None else None
-    lines = [
-        recording.report(),
-        f"  {stated or recording.noise.text}",
-        f"  median speed of those who move: {speed:.3g} m/s" if speed > 0 else "  all stand still",
-    ]
-    if speed > FAST:
-        lines.append("  warning: that is fast; is dt right, are positions in metres?")
-    return "\n".join(lines)
+    lines = [stated or recording.noise.text, *pace(recording)]
+    return "\n".join([recording.report(), *(f"  {line}" for line in lines)])
 
 
 def scenes(recordings: Mapping[str, Recording], noise: float | None) -> list[Tracks]:

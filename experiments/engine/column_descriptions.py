@@ -105,7 +105,8 @@ def column_meanings(column: str) -> list[str]:
 
 def defined_columns() -> list[str]:
     """Return the names of all columns that a page defines, sorted."""
-    return sorted({name for table in _tables() for name in table.columns})
+    found = {name for table in _tables() for name in table.columns}
+    return sorted(name for name in found if not name.startswith("_"))  # an ending, as in `_low`
 
 
 @cache

@@ -123,11 +123,11 @@ def print_table(rows: Sequence[Row], shares: Collection[str] = ()) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    upright = not sideways(rows)
     lines = [
-        [name, *(_printed(row[name], name in shares) for row in rows)]
+        [headed(name) if upright else name, *(_printed(row[name], name in shares) for row in rows)]
         for name in (rows[0] if rows else ())
     ]
-    upright = not sideways(rows)
     columns = lines if upright else [list(line) for line in zip(*lines, strict=True)]
     names = naming(rows) if upright else 1
     console = Console(width=width() or PIPED, markup=False)  # reasons may hold brackets
@@ -135,8 +135,7 @@ def print_table(rows: Sequence[Row], shares: Collection[str] = ()) -> None:
     for block in _fold(columns, names, console.width, widest):
         table = Table()
         for column in block:
-            title = headed(column[0]) if upright else column[0]
-            table.add_column(title, max_width=_needed(column, widest))
+            table.add_column(column[0], max_width=_needed(column, widest))
         for line in zip(*(column[1:] for column in block), strict=True):
             table.add_row(*line)
         console.print(table)

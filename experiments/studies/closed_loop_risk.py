@@ -101,6 +101,10 @@ class ClosedLoopRisk(GridStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("outside", "ratio", "touched")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("episodes", "outside", "outside_nominal", "touched"),
+        *("touched_nominal", "near_touched", "near_expected", "ratio"),
+    )
 
     crowds: dict[str, RiskCrowd]
     planner: Controller

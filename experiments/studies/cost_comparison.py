@@ -59,6 +59,10 @@ class CostComparison(PlacesStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("peak_speed", "deviation", "time_ratio")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("collisions", "goals_in_time", "clearance_min_m", "clearance_median_m"),
+        *("time_ratio", "length_ratio", "fallback_plans", "peak_speed"),
+    )
 
     planner: Controller
     costs: dict[str, Cost]

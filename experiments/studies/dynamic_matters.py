@@ -45,6 +45,10 @@ class DynamicMatters(PlacesStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("collisions", "deadlocks", "goals_in_time", "clearance_min_m"),
+        *("clearance_median_m", "time_ratio", "length_ratio", "coverage"),
+    )
 
     planner: Controller
     predictors: dict[str, Predictor]

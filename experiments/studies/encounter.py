@@ -35,6 +35,10 @@ class Encounter(OnePlaceStudy):
         **EPISODE_CAPTIONS,
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("episodes", "collisions", "goals_in_time", "clearance_min_m"),
+        *("time_ratio", "below_reference", "coverage", "errors"),
+    )
 
     planners: dict[str, Controller]
     show: tuple[int, ...] = (0,)

@@ -66,6 +66,10 @@ class Flight(OnePlaceStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("collisions", "deadlocks", "clearance_min_m", "clearance_median_m"),
+        *("time_ratio", "length_ratio", "coverage", "volume_ratio"),
+    )
 
     planner: Controller
     regions: dict[str, Region]

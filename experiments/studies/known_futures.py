@@ -185,6 +185,10 @@ class KnownFutures(GridStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("worth", "touched", "tail_held")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("tail_held", "cost", "cost_known", "worth"),
+        *("solved", "touched", "speed_spread_mps", "remark"),
+    )
 
     scenario: Scenario
     robot: Robot

@@ -59,6 +59,10 @@ class LevelPolicies(PlacesStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "clearance_median_m", "extra_time_s")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("success", "collisions", "goals_in_time", "clearance_median_m"),
+        *("extra_time_s", "length_ratio", "coverage", "driven_below"),
+    )
 
     planner: Controller
     predictors: dict[str, Predictor]

@@ -88,6 +88,10 @@ class PredictionBenchmark(GridStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("ade_m", "cover_95", "area_m2")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("windows", "ade_m", "fde_m", "nll"),
+        *("cover_95", "area_m2", "fell_back", "notes"),
+    )
 
     predictors: dict[str, Predictor] = field(default_factory=dict)
     registered: bool = True

@@ -237,3 +237,12 @@ def usual_speed(recordings: Sequence[Recording]) -> float:
         return float("nan")
     moving = speeds[speeds > min(STOOD, SLOW * float(np.quantile(speeds, 0.99)))]
     return float(np.median(moving)) if moving.size else float("nan")
+
+
+def pace(recording: Recording) -> list[str]:
+    """Say how fast those who move are, and warn where the time or the unit is likely wrong."""
+    speed = usual_speed([recording])
+    if not speed > 0:
+        return ["all stand still"]
+    warning = "warning: that is fast; is dt right, are positions in metres?"
+    return [f"median speed of those who move: {speed:.3g} m/s", *([warning] * (speed > FAST))]

@@ -84,6 +84,10 @@ class ReactingCalibration(GridStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("promise", "missed", "radius_m")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("promise", "missed", "missed_low", "missed_high"),
+        *("radius_m", "arrived", "collisions", "episodes"),
+    )
     growing: ClassVar[tuple[str, ...]] = ("seeds",)
 
     scenarios: dict[str, Scenario]

@@ -72,6 +72,10 @@ class RegionPrice(OnePlaceStudy):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("area_ratio", "clearance_median_m", "extra_time")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("collisions", "goals_in_time", "clearance_min_m", "clearance_median_m"),
+        *("extra_time", "extra_path", "fallback_plans", "remark"),
+    )
 
     planner: Controller
     predictors: dict[str, Predictor]

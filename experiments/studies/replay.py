@@ -20,9 +20,10 @@ from ..drawing.plotting import PAGE, subplots
 from ..drawing.strips import strip, strip_legend
 from ..engine.closed_loop import EPISODE_CAPTIONS, column, condense, outcome, pick
 from ..engine.progress import say
-from .crowd import CrowdInstant, TrackFile, counted_reasons, draw_situation
+from .crowd import SHIPPED, CrowdInstant, TrackFile, counted_reasons, draw_situation
 from .episodes import SeededStudy, check_shown, episode_pictures, figure_name
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
+from .prediction_data import pace
 
 STILL = 0.05
 """m/s; a robot slower than this at a contact was run into."""
@@ -86,6 +87,10 @@ class Replay(SeededStudy):
         **EPISODE_CAPTIONS,
     }
     headline: ClassVar[tuple[str, ...]] = ("drove_into", "clearance_min_m", "time_ratio")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("drove_into", "run_into", "sudden", "goals_in_time"),
+        *("clearance_min_m", "time_ratio", "below_reference", "coverage"),
+    )
 
     robot: Robot
     planners: dict[str, Controller]
@@ -119,6 +124,12 @@ class Replay(SeededStudy):
         for seed in seeds:
             self.situation(recording, seed)
         return {"scenario": ["replay"], "planner": self.planners, "seed": seeds}
+
+    def check(self) -> None:
+        """Say how a file of the user's own is taken; it does not hold the time between rows."""
+        if not self.tracks.path.startswith(SHIPPED):
+            known = f"{self.tracks.path}: taken as {self.tracks.dt:g} s between rows (tracks.dt)"
+            say("; ".join([known, *pace(self.tracks.read())]))
 
     def inputs(self) -> list[Path]:
         """Return the files of the recording."""

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.engine.column_descriptions import column_descriptions, shares
+from wideberth.experiments.engine.column_descriptions import (
+    column_descriptions,
+    defined_columns,
+    shares,
+)
 from wideberth.experiments.engine.csv_tables import write_table
 from wideberth.experiments.engine.extract import aligned, extract, latex_text, markdown_text
 from wideberth.experiments.engine.text_tables import main_columns, print_table
@@ -101,6 +105,7 @@ def test_what_a_column_means_is_one_command_away(capsys: pytest.CaptureFixture[s
 def test_printed_columns_are_few(study: str) -> None:
     kind = load("experiments", study)
     assert len(kind.printed) <= 11 and len(set(kind.printed)) == len(kind.printed)
+    assert {*kind.printed} <= {*defined_columns()}  # `wideberth show column` knows each
 
 
 def test_the_pages_say_what_is_a_share() -> None:

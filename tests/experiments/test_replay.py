@@ -306,3 +306,22 @@ def test_a_recording_of_ros_is_replayed(
     assert experiment.inputs() == [bag / "walk.mcap"]
     other = shipped(f"tracks.path={bag}", "tracks.topic=/odom")
     assert other.tracks.read().ids == ("/odom",)
+
+
+@pytest.mark.parametrize(("unit", "warned"), [(1.0, False), (1000.0, True)])
+def test_a_file_of_ones_own_is_taken_as_said(
+    unit: float, warned: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The time between rows is not in the file; millimetres look like people who fly."""
+    walk = "".join(
+        f"{10 * k} {who} {unit * 0.4 * k} {unit * (who + 0.1 * k)}\n"
+        for who in range(3)
+        for k in range(40)
+    )
+    (tmp_path / "mine.txt").write_text(walk)
+    shipped(f"tracks.path={tmp_path / 'mine.txt'}").check()
+    said = capsys.readouterr().err
+    assert "mine.txt: taken as 0.4 s between rows (tracks.dt); median speed" in said
+    assert ("is dt right, are positions in metres?" in said) == warned
+    shipped().check()
+    assert capsys.readouterr().err == ""

@@ -118,6 +118,9 @@ def test_yaml_on_a_page_builds(page: str, folder: Path) -> None:
             elif key in ("cascades", "cases"):
                 own = read_config(config_path("perception_faults"))
                 build("experiments", {**own, "cases": {}, key: value})
+            elif key == "factors":
+                tuned = {"planner": config["planner"], "robot": "unicycle", key: value}
+                build("experiments", {**read_config(config_path("tuning")), **tuned})
             elif key == "record":
                 Record(**value)
             else:
