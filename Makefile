@@ -94,11 +94,12 @@ mutants: .venv/ready    ## change the code for the worse and count what no test 
 figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first where need be)
 	$(BIN)/wideberth figures $(FIGURES) --workers 2
 
+# PYTHONS="3.11 3.12 3.13" tries it with each; COMMANDS=1 also runs what all pages show.
 wheel: .venv/ready      ## build dist/*.whl and dist/*.tar.gz, check them, and try the wheel in a fresh environment
 	rm -rf build dist
 	$(BIN)/python -m build -q
 	$(BIN)/twine check --strict dist/*
-	$(BIN)/python tests/house/smoke_wheel.py dist/*.whl
+	$(BIN)/python tests/house/smoke_wheel.py dist $(PYTHONS)
 
 pictures: .venv/ready   ## draw the film of the README, and what commands draw for the gallery
 	$(BIN)/python docs/draw_pictures.py

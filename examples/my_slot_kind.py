@@ -8,13 +8,13 @@ laws of a kind, plans past a cart that crosses the way, and draws the plan into
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import erfc, sqrt
 from typing import Any, ClassVar, final
 
 import casadi
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Circle
-from scipy.special import ndtr
 
 from wideberth import Detection, Observation, Path, Pose, Robot, build, register
 from wideberth.framework import (
@@ -191,7 +191,7 @@ class Carts(LevelledKind):
 
     def tail(self, level: float, promise: Promise, dimension: int) -> float:
         """Phi(-s), which bounds the collision risk; 1 below level 0."""
-        return float(ndtr(-level)) if level >= 0.0 else 1.0
+        return 0.5 * erfc(level / sqrt(2.0)) if level >= 0.0 else 1.0
 
     def explanation(self, dimension: int) -> str:
         """Say what a slot holds."""

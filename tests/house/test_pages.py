@@ -171,28 +171,33 @@ def wideberth(words: list[str]) -> None:
         assert registry.names(given["room"])
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Work in a folder that holds what pages speak of: recordings, own modules, saved plug-ins."""
+def provide(folder: Path) -> None:
+    """Write what pages speak of: recordings, own modules, saved plug-ins."""
     people = ROOT / "experiments" / "data" / "plaza.txt"
     for place in ("people.txt", "recordings/people.txt", "FOLDER/people.txt"):
-        (tmp_path / place).parent.mkdir(exist_ok=True)
-        shutil.copy(people, tmp_path / place)
+        (folder / place).parent.mkdir(exist_ok=True)
+        shutil.copy(people, folder / place)
     for name in ("people", "walkers", "mine"):
-        save_plugin(tmp_path / f"{name}.json", "predictor", build("predictors", "kalman"))
+        save_plugin(folder / f"{name}.json", "predictor", build("predictors", "kalman"))
     for name in ("my_region", "my_rung"):
-        shutil.copy(ROOT / "examples" / f"{name}.py", tmp_path)
-    (tmp_path / "nav2_params.yaml").write_text(nav2_params.text_of("nav2_humble"))
-    (tmp_path / "mypackage").mkdir()
+        shutil.copy(ROOT / "examples" / f"{name}.py", folder)
+    (folder / "nav2_params.yaml").write_text(nav2_params.text_of("nav2_humble"))
+    (folder / "mypackage").mkdir()
     own = "from my_region import Disc as Box\n"
-    (tmp_path / "mypackage" / "__init__.py").write_text(own)
-    (tmp_path / "my_package.py").write_text("def act(seen): ...\n")
+    (folder / "mypackage" / "__init__.py").write_text(own)
+    (folder / "my_package.py").write_text("def act(seen): ...\n")
     written = blocks("docs/write-your-own.md", "python")
     module = written[0] + "".join(one for one in written if "class Gentle(" in one)
     module += "from wideberth.framework.mpc.planner.rungs import FallbackRung\n"
     module += "class SlowDown(FallbackRung):\n    name = 'slow down'\n"
     module += "    def attempt(self, trial): ...\n"
-    (tmp_path / "mypackage" / "module.py").write_text(module)
+    (folder / "mypackage" / "module.py").write_text(module)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Work in a folder that holds what pages speak of, and forget what runs there registers."""
+    provide(tmp_path)
     kept = {room: dict(known) for room, known in registry._registered.items()}
     monkeypatch.setattr(registry, "_registered", kept)
     monkeypatch.chdir(tmp_path)
