@@ -4,7 +4,7 @@ from .plugins.lazy import lazy, targets_in
 
 _NAMES = {
     "calibration": "Calibration MomentCalibration fewest_ranks largest moments rank_quantile",
-    "controller": "Controller",
+    "controller": "Controller DrivesRobot",
     "detector": "Detector",
     "mpc.costs.base": "Cost",
     "mpc.levels.base": "LevelPolicy Promise level_of",

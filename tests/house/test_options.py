@@ -31,7 +31,6 @@ REASONS: dict[str, str] = {
         Lidar: deviation field height longest mount
         MotionNoise: accelerometer accelerometer_bias gyro gyro_bias slip
         SensingPipeline: encoders imu
-        Sensor: name
         UnicycleVelocity: max_reverse_speed
         VectorAutoregression: max_speed
         Walker: radius

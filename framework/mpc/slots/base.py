@@ -216,7 +216,7 @@ class SlotKind(ABC):
 
     @abstractmethod
     def slots(self, room: SlotSizes, frame: Frame) -> Slots:
-        """State the constraint of one slot in CasADi, see `ocp.stage.slots`.
+        """State the constraint of one slot in CasADi, see `ocp.stage.slots_of`.
 
         Parameters
         ----------
