@@ -86,7 +86,8 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     if not differing:
         return 1.0
     rarer = range(min(only_first, only_second) + 1)
-    return min(1.0, 2 * sum(math.comb(differing, count) for count in rarer) / 2**differing)
+    ways = sum(math.comb(differing, count) for count in rarer)
+    return min(1.0, float(ways / 2 ** (differing - 1)))
 
 
 def known_mean(values: Any) -> float:

@@ -98,7 +98,8 @@ def upper_gamma_quantile(order: float, tail: ArrayLike) -> Array:
     if order == 1.0:
         return np.asarray(-np.log(tail))
     if order == 0.5:
-        return 0.5 * np.square(np.vectorize(normal_quantile, otypes=[np.float64])(0.5 * tail))
+        roots = np.vectorize(normal_quantile, otypes=[np.float64])(0.5 * tail)
+        return np.asarray(0.5 * roots**2)
     rare = tail <= 0.5
     found = np.empty_like(tail)
     found[rare] = _rare_gamma_quantile(order, -np.log(tail[rare]))
