@@ -35,6 +35,7 @@ _NAMES = {
         check_state_estimator check_static_region check_tracker
     """,
     "tracker": "Tracker",
+    "tracking.forecast_sets": "read_forecasts write_forecasts",
     "tracking.recordings": "read_tracks",
     "tracking.resampling": "resampled_tracks",
     "tracking.windows": "Windows cut_windows windows_of",
