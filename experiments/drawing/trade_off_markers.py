@@ -90,7 +90,11 @@ def front_legend(figure: Any, looks: Mapping[str, Look], counts: Iterable[int]) 
         for name, (marker, colour) in looks.items()
     ]
     words = f"medians; {bars_note(counts)}\nhollow: so many touched or did not arrive"
-    figure.legend(
-        handles=entries, loc="outside lower center", ncols=min(max(len(entries), 1), 4),
-        title=words, title_fontsize=7,
-    )  # fmt: skip
+    for columns in range(min(max(len(entries), 1), 4), 0, -1):
+        legend = figure.legend(
+            handles=entries, loc="outside lower center", ncols=columns,
+            title=words, title_fontsize=7,
+        )  # fmt: skip
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()  # long names: fewer of them side by side

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
-from wideberth.experiments.drawing.plotting import few, paper_style
-from wideberth.experiments.drawing.trade_off_markers import LEAST_CLEARANCE, LEAST_TIME
+from wideberth.experiments.drawing.plotting import few, paper_style, subplots
+from wideberth.experiments.drawing.trade_off_markers import (
+    LEAST_CLEARANCE,
+    LEAST_TIME,
+    front_legend,
+)
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.studies import closed_loop_risk
 from wideberth.experiments.studies import comparison_figures as figures
@@ -122,3 +126,15 @@ def test_shares_of_few_episodes_have_no_bars(episodes: int) -> None:
         assert bars is None
     else:
         np.testing.assert_allclose(bars, [[0.1], [0.3]])
+
+
+def test_a_legend_of_long_names_has_fewer_columns_and_is_seen_whole() -> None:
+    names = ["ours", "ours_watching", "dynamic_window", "pure_pursuit", "constant_velocity"]
+    short = ["a", "b", "c", "d", "e"]
+    for labels, columns in ((short, 4), (names * 2, 3)):
+        looks = {f"{name}{i}": ("o", "k") for i, name in enumerate(labels)}
+        figure, _ = subplots(figsize=(4.3, 2.9), layout="constrained")
+        front_legend(figure, looks, [10] * len(labels))
+        (legend,) = figure.legends
+        assert legend._ncols == columns  # type: ignore[attr-defined]
+        assert legend.get_window_extent().width <= figure.bbox.width
