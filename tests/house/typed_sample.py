@@ -1,6 +1,6 @@
 """What editors and type checkers know about names; `make lint` checks this file with pyright."""
 
-# pyright: reportUnnecessaryTypeIgnoreComment=true
+# pyright: strict, reportUnnecessaryTypeIgnoreComment=true
 
 from typing import assert_type
 
@@ -75,8 +75,10 @@ def misspelt() -> None:
     Path({"x": 0.0})  # pyright: ignore[reportArgumentType]
     Detection("person", (6, 0.5), None, "wide")  # pyright: ignore[reportArgumentType]
     Observation(0.0, None)  # pyright: ignore[reportArgumentType]
-    assert wideberth.recommended().plan.rungs  # pyright: ignore[reportAttributeAccessIssue]
+    plan = wideberth.recommended().plan
+    assert plan.rungs  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType]
     assert wideberth.recommended().last_plan.rung  # pyright: ignore[reportOptionalMemberAccess]
-    predictors.Kalmann()  # pyright: ignore[reportAttributeAccessIssue]
+    predictors.Kalmann()  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType]
     Kalman(sped=0.3)  # pyright: ignore[reportCallIssue]
-    assert build("predictors", "kalman").sped  # pyright: ignore[reportAttributeAccessIssue]
+    kalman = build("predictors", "kalman")
+    assert kalman.sped  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType]
