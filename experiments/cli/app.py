@@ -122,12 +122,14 @@ def run(
     """Run an experiment: measure, print the table, draw the figures."""
     from ..engine import parquet_table
     from ..engine.dask_pool import reached
+    from ..engine.progress import working
     from ..engine.shipped_configs import config_path, read_experiment
 
     if parquet:
         parquet_table.need_parquet()
     cluster = reached(scheduler, tls_ca, tls_cert, tls_key)
-    experiment, plugins = read_experiment(config, set_ or [])
+    with working("reading the config"):
+        experiment, plugins = read_experiment(config, set_ or [])
     if out is None:
         out = result_place(config_path(config).stem, quick)
     out = expanded(out)

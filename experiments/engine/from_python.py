@@ -12,7 +12,7 @@ from ...framework.values.errors import WideberthError, short
 from . import runner
 from .base import Experiment
 from .places import result_place
-from .progress import in_notebook, without_progress
+from .progress import in_notebook, without_progress, working
 from .result import Result, check_finished
 from .shipped_configs import Change, built, config_path
 
@@ -54,11 +54,12 @@ def run(
     WideberthError : before any work if the config, an override or a number is of no use, or the
         folder holds something else; later as `wideberth.experiments.engine.runner.run`.
     """
-    name, settings = _settings(config)
-    experiment, plugins = _changed(config, name, settings, overrides or {}, seeds)
-    out = result_place(name, quick) if folder is None else expanded(folder)
     shown = not in_notebook() if progress is None else progress
     with nullcontext() if shown else without_progress():
+        with working("reading the config"):
+            name, settings = _settings(config)
+            experiment, plugins = _changed(config, name, settings, overrides or {}, seeds)
+        out = result_place(name, quick) if folder is None else expanded(folder)
         runner.run(experiment, out, workers, quick, plugins, fresh=not resume)
     return open_result(out)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _EVERY = 60.0
 """s between the lines that a log gets."""
-_SOON = 0.8
+_SOON = 0.5
 """s until work is shown: what is quicker needs no bar."""
 
 

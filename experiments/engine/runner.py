@@ -108,8 +108,9 @@ def run(
         need_workers()
     out = expanded(out)
     check_folder(out)
-    with as_user_error():
-        work = _work(_chosen(experiment, quick), plugins)
+    chosen = _chosen(experiment, quick)
+    with as_user_error(), working("listing the work"):
+        work = _work(chosen, plugins)
     growing, source = work.experiment.growing, str(work.origin["source"])
     if (out / "table.csv").exists() and not fresh:
         if not is_smaller(out, work.config, source, growing):

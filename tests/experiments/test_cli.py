@@ -5,10 +5,12 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from wideberth.experiments.cli import app as cli
+from wideberth.experiments.cli import completing
 from wideberth.experiments.engine.shipped_configs import (
     DEMO,
     config_path,
@@ -347,3 +349,11 @@ def test_configs_are_listed_by_their_studies(shell) -> None:  # type: ignore[no-
     assert "encounter:" in heads and heads[-1] == "one config each:"
     first = {line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "}
     assert first == {*shipped()}
+
+
+def test_the_second_word_of_show_is_completed_by_the_first() -> None:
+    def offered(first: str, begun: str) -> list[str]:
+        return [*completing.shown(SimpleNamespace(params={"result": first}), begun)]  # type: ignore[arg-type]
+
+    assert {"success", "success_low"} <= {*offered("column", "succ")}
+    assert offered("config", "cross") == ["crossing"]

@@ -107,4 +107,6 @@ def test_progress_is_quiet_in_a_notebook(
     monkeypatch.setattr("wideberth.experiments.engine.from_python.in_notebook", lambda: notebook)
     monkeypatch.setattr(progress, "_SOON", 0.0)
     wideberth.run({"type": "approximation_error", "angles": 5, "resolution": 3}, progress=wanted)
-    assert ("preparing the run" in capsys.readouterr().err) == shown
+    said = capsys.readouterr().err
+    for word in ("reading the config", "listing the work", "preparing the run"):
+        assert (word in said) == shown
