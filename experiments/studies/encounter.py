@@ -36,7 +36,7 @@ class Encounter(OnePlaceStudy):
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
-        *("episodes", "collisions", "goals_in_time", "clearance_min_m"),
+        *("episodes", "collisions", "deadlocks", "goals_in_time", "clearance_min_m"),
         *("time_ratio", "below_reference", "coverage", "errors"),
     )
 

@@ -370,3 +370,18 @@ def test_figures_of_an_older_drawing_are_kept(coins: Path) -> None:
     assert [path.name for path in gather(coins).pictures] == ["mine.png"]
     write_table(coins / "summary.csv", [{"planner": NASTY}])
     assert read_table(coins / "summary.csv") == gather(coins).summary
+
+
+def test_the_summary_shows_what_answers_and_folds_the_rest(coins: Path) -> None:
+    names = [f"share_{i}" for i in range(5)]
+    rows = [
+        {"planner": name, "success": success, "collision": 0.0, **dict.fromkeys(names, 1.0)}
+        for name, success in (("a", 0.97), ("b", 0.5))
+    ]
+    text = report_page([replace(gather(coins), study="comparison", summary=rows)])
+    before, after = text.split("<details><summary>All columns, 5 more</summary>")
+    before = before.partition("<h3>Summary</h3>")[2]
+    assert "success (%)" in before and "share_0" not in before and "share 0" not in before
+    assert "share 0" in after and 'data-value="0.97">97<' in before
+    tables = markdown([replace(gather(coins), study="comparison", summary=rows)])
+    assert "| success (%) |" in tables and "| a | 97 | 0 |" in tables
