@@ -16,7 +16,7 @@ LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --
   --no-header -q
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test ros style lint types promise docs bench acados core fuzz mutants figures wheel pictures notebooks graph lock
+.PHONY: help demo test ros style lint types promise docs bench history acados core fuzz mutants figures wheel pictures notebooks graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -66,6 +66,9 @@ docs: .venv/ready       ## build the site into docs/_build/html, warnings as err
 
 bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 	$(BIN)/python benchmarks/run.py
+
+history: .venv/ready    ## say whether this checkout is slower than the last release
+	$(BIN)/python benchmarks/history/compare.py
 
 # Its wheel holds another CasADi beside acados, so that it must not be installed into .venv.
 acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/acados
