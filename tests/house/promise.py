@@ -20,6 +20,7 @@ from wideberth.experiments.engine import column_descriptions, result_folder
 from wideberth.experiments.engine.shipped_configs import shipped
 from wideberth.framework.mpc.diagnosis import solve_record
 from wideberth.framework.plugins import config, registry
+from wideberth.framework.tracking import forecast_sets
 from wideberth.simulation.log import episode_log
 from wideberth.tests.house.options import held, names, others, plugins
 from wideberth.tests.house.stubs import FACES
@@ -58,6 +59,7 @@ def promised() -> dict[str, Any]:
         "files": sorted({*result_folder.NAMES, *FOLDERS}),
         "formats": {
             "episode": episode_log.VERSION,
+            forecast_sets.KIND: forecast_sets.VERSION,
             config.KIND: config.VERSION,
             solve_record.KIND: solve_record.VERSION,
         },
