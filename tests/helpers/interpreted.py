@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -55,12 +55,12 @@ def interpret_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the solver ``riccati`` compile nothing: CasADi evaluates its kernels."""
     kernels: dict[int, Kernel] = {}
 
-    def addresses(functions: Mapping[str, Any], handed: int) -> dict[str, int]:
-        places = {}
+    def ready(functions: Mapping[str, Any], handed: int) -> SimpleNamespace:
+        places: dict[str, int] = {}
         for name, one in functions.items():
             places[name] = len(kernels)
             kernels[len(kernels)] = recursion(one, handed) if name == "sweep" else columns(one)
-        return places
+        return SimpleNamespace(place=places.__getitem__)
 
     def run(space: Workspace, entry: object, stop: Array | None = None) -> None:
         plain, head, start, *slots, found, end = space.groups
@@ -71,7 +71,7 @@ def interpret_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     interpret(monkeypatch, core)
     monkeypatch.setattr(core, "call", lambda kernel, *given: kernels[int(kernel)](*given))
     monkeypatch.setattr(compiled, "core", lambda kinds: None)
-    monkeypatch.setattr(compiled, "_addresses", addresses)
+    monkeypatch.setattr(compiled, "_ready", ready)
     monkeypatch.setattr(compiled, "_PROBLEMS", OrderedDict())
     monkeypatch.setattr(compiled, "_KNOWN", WeakKeyDictionary())
     monkeypatch.setattr(Workspace, "run", run)

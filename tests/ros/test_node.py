@@ -38,7 +38,7 @@ class Scripted(Controller):
     paths: list[Path] = field(default_factory=list)
     told: list[Observation] = field(default_factory=list)
     """What it was to remember."""
-    plan = None
+    last_plan = None
 
     def reset(self) -> None: ...
 

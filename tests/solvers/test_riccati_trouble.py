@@ -43,6 +43,7 @@ SAMPLE = File(__file__).parents[1] / "data" / "mpc_instances.npz"
 KEPT = 1e-6
 SOLVE = """
 import sys
+from dataclasses import replace
 from pathlib import Path
 from importlib import import_module
 if sys.argv[2] == "missing":
@@ -50,7 +51,8 @@ if sys.argv[2] == "missing":
 sys.path.insert(0, sys.argv[1])
 own = import_module("test_riccati_trouble")
 if sys.argv[2] != "plain":
-    own.compiled.objects.FOLDER = Path("nowhere")
+    objects = own.compiled.objects
+    objects.SHIPPED = replace(objects.SHIPPED, folder=Path("nowhere"))
 instance = own.recorded_instances()[0]
 solution = own.solved(instance)
 print(own.digest(solution), solution.status, solution.message, "|", solution.stand_in)
@@ -227,7 +229,7 @@ def test_fatrop_solves_where_nothing_can_be_compiled(
         raise WideberthError("this machine compiles nothing")
 
     monkeypatch.setattr(compiled, "_PROBLEMS", OrderedDict())
-    monkeypatch.setattr(compiled, "load", refuse)
+    monkeypatch.setattr(compiled.Records, "of", refuse)
     instance = recorded[0]
     found = solved(instance)
     (plain,) = Fatrop().solve(problem_for(instance), instance.parameters, [instance.guess])
@@ -254,7 +256,7 @@ def other_process(way: str, **environment: str) -> str:
 @pytest.mark.parametrize(
     ("way", "environment", "why"),
     [
-        ("missing", {}, "Numba cannot be imported"),
+        ("missing", {}, "the solver needs Numba here, which cannot be imported"),
         ("switched off", {"NUMBA_DISABLE_JIT": "1"}, "NUMBA_DISABLE_JIT is set"),
     ],
 )

@@ -20,7 +20,7 @@ class Moody(Controller):
 
     robot: Robot
     period: float = 0.1
-    plan = None
+    last_plan = None
     begin: float | None = None
 
     def reset(self) -> None: ...
