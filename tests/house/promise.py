@@ -76,7 +76,9 @@ def _names(found: list[Group]) -> dict[str, Any]:
     """
     listed = _listed()
     faces = {id(one): path for path, one in listed.items()}
-    documented = {entry.path: entry.found for group in found for entry in group.entries}
+    entries = [entry for group in found for entry in group.entries]
+    own = [one for one in entries if one.path.startswith("wideberth.")]  # no plug-in of a test
+    documented = {entry.path: entry.found for entry in own}
     paths = {path if path in listed else faces.get(id(one), path): one
              for path, one in documented.items()}  # fmt: skip
     offered = {id(one) for one in paths.values()}
