@@ -1,7 +1,7 @@
 """Run what pages show, as a reader does who has installed the wheel and has no clone.
 
-Commands run in one folder, README and start page first, then page by page; scripts each in a
-folder of their own. A study runs with ``--quick`` and a seed or two, into the folder where the
+Commands run in one folder, README and start page first, then page by page, and scripts in
+another. A study runs with ``--quick`` and a seed or two, into the folder where the
 page's command would leave its result.
 """
 
@@ -23,7 +23,7 @@ ELSEWHERE = {
     r"(dask|openssl|TLS=)|.* --scheduler": "needs several machines",
     r"wideberth (node|forecast|world) ": "needs ROS 2",
     r".*(THOR_MAGNI|labels_3d|biwi_hotel|my_bag)": "needs others' data",
-    r".*(forecasts=FOLDER|tracks=FOLDER)": "needs others' data",
+    r".*(results/(magni|jrdb)|forecasts=FOLDER|tracks=FOLDER)": "needs others' data",
     r".*(solve-28c34182c698|results/solves)": "needs a recorded solve",
     r"(cc |\./drive)": "needs the reader's own drive.c",
     r"(for|done)\b": "needs others' data",
@@ -72,11 +72,13 @@ def shortened(command: str) -> str:
 
 def run(installed: Installed, folder: Path) -> int:
     """Run all commands and scripts of the pages; the number of failures."""
-    provide(folder)
-    shutil.copytree(ROOT / "examples", folder / "examples")
+    for one in (folder / "commands", folder / "scripts"):
+        one.mkdir(parents=True)
+        provide(one)
+    shutil.copytree(ROOT / "examples", folder / "commands" / "examples")
     programs = installed.python.absolute().parent
     environment = {
-        **os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": str(folder),
+        **os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": ".",
         "MPLBACKEND": "Agg", "BROWSER": "true",
     }  # fmt: skip
     failed = ran = 0
@@ -85,12 +87,14 @@ def run(installed: Installed, folder: Path) -> int:
             print(f"-        {page}: {command}: {why[0]}", flush=True)
             continue
         ran += 1
-        failed += not _works(page, ["bash", "-c", shortened(command)], folder, environment)
+        failed += not _works(
+            page, ["bash", "-c", shortened(command)], folder / "commands", environment
+        )
     for page in sorted(one for one in PAGES if blocks(one, "python")):
         if page not in NOT_RUN | {"docs/write-your-own.md"}:  # runs in parts, see test_readme.py
             ran += 1
             script = "\n".join([BEFORE.get(page, ""), *blocks(page, "python")])
-            failed += not _works(page, ["python", "-c", script], folder, environment)
+            failed += not _works(page, ["python", "-c", script], folder / "scripts", environment)
     print(f"{ran} commands and scripts of pages ran, {failed} failed")
     return failed
 

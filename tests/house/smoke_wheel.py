@@ -63,9 +63,10 @@ class Environment:
         """Run a program of the environment in its folder; its output."""
         program, *rest = words
         done = subprocess.run(
-            [self.python.with_name(program), *rest], cwd=self.folder, text=True, check=True,
-            stdout=subprocess.PIPE, env={**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": ""},
+            [self.python.with_name(program), *rest], cwd=self.folder, text=True,
+            capture_output=True, env={**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": ""},
         )  # fmt: skip
+        assert not done.returncode, f"{' '.join(words)}: {done.stderr[-2000:]}"
         return done.stdout
 
     def size(self) -> tuple[float, int]:
@@ -133,7 +134,6 @@ def main(dist: Path, pythons: Sequence[str]) -> None:
         assert not typed_scripts.check(whole.python), "scripts have errors of types"
         if os.environ.get("COMMANDS"):
             whole.install(f"{wheel}[physics]")
-            (Path(name) / "pages").mkdir()
             assert not page_commands.run(whole, Path(name) / "pages"), "commands of pages fail"
     print(f"{wheel.name} and {archive.name} work in fresh environments")
 

@@ -174,7 +174,8 @@ def wideberth(words: list[str]) -> None:
 def provide(folder: Path) -> None:
     """Write what pages speak of: recordings, own modules, saved plug-ins."""
     people = ROOT / "experiments" / "data" / "plaza.txt"
-    for place in ("people.txt", "recordings/people.txt", "FOLDER/people.txt"):
+    places = ["people.txt", "recordings/a.txt", "recordings/b.txt"]
+    for place in (*places, "FOLDER/people.txt", "FOLDER/hotel.txt", "FOLDER/people.csv"):
         (folder / place).parent.mkdir(exist_ok=True)
         shutil.copy(people, folder / place)
     for name in ("people", "walkers", "mine"):
