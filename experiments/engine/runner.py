@@ -93,9 +93,9 @@ def run(
     ------
     WideberthError : before any work if it is no experiment, if the folder holds anything else,
         another config or a result of other source code, or cannot be written, or another run is
-        at work there, the scheduler does not answer, the tasks are not valid, or `check` refuses;
-        later if a task refuses its input, ends its workers, or the disk is full. Finished tasks
-        are kept.
+        at work there, the scheduler does not answer, what several workers need is not installed,
+        the tasks are not valid, or `check` refuses; later if a task refuses its input,
+        ends its workers, or the disk is full. Finished tasks are kept.
     KeyboardInterrupt : with a message that says how to resume; finished tasks are kept.
     """
     if workers < 1:
