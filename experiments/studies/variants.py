@@ -1,6 +1,6 @@
 """Variants of one planner: the same settings but for the predictor or the region."""
 
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import Field, fields, is_dataclass, replace
 from typing import Any
 
 from ...framework import Controller, WideberthError
@@ -34,7 +34,8 @@ def exchanged(controller: Controller, **parts: Any) -> Controller:
     if isinstance(controller, WrapsController):
         wrapped: Controller = replace(made, controller=exchanged(controller.controller, **parts))
         return wrapped
-    own = {entry.name for entry in fields(made) if entry.init} if is_dataclass(made) else set()
+    every: tuple[Field[Any], ...] = fields(controller) if is_dataclass(controller) else ()
+    own = {entry.name for entry in every if entry.init}
     if missing := " and ".join(sorted({*parts} - own)):
         raise WideberthError(
             f"planner is a {type(controller).__name__}, without {missing}; wanted one that takes "
