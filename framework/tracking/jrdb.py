@@ -57,8 +57,8 @@ def read_jrdb(
     frames = _frames(path, LABELS)
     notes = [ROBOT_FRAME]
     poses: Mapping[int, Any] | None = None
+    file = path if odometry is None else odometry_file(path, odometry)
     if odometry is not None:
-        file = odometry_file(path, odometry)
         poses = _frames(file, ODOMETRY)
         lost = len(frames.keys() - poses.keys())
         notes = [f"left out: {lost} frames without a pose of the robot"] * bool(lost)
