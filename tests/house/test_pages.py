@@ -188,7 +188,9 @@ def provide(folder: Path) -> None:
     (folder / "mypackage" / "__init__.py").write_text(own)
     (folder / "my_package.py").write_text("def act(seen): ...\n")
     written = blocks("docs/write-your-own.md", "python")
-    module = written[0] + "".join(one for one in written if "class Gentle(" in one)
+    body = "\n        return build('predictors', 'kalman').predict(tracks, steps, scene)"
+    module = "from wideberth import build\n" + written[0].replace(" ...", body, 1)
+    module += "".join(one for one in written if "class Gentle(" in one)
     module += "from wideberth.framework.mpc.planner.rungs import FallbackRung\n"
     module += "class SlowDown(FallbackRung):\n    name = 'slow down'\n"
     module += "    def attempt(self, trial): ...\n"
