@@ -5,6 +5,7 @@ handed to it by name, see `_LIBRARY`. So nothing is looked up in other parts of 
 a name that is missing is an error and no crash.
 """
 
+import atexit
 import ctypes
 import ctypes.util
 import sys
@@ -34,6 +35,9 @@ MEMORY = {"wideberth_take": "malloc", "wideberth_give": "free"}
 """Names by which code asks for memory: the C library gives it here, else who embeds the code."""
 
 _GUARD = RLock()
+"""Held by who compiles or loads. A process that ends takes it and keeps it: what LLVM needs goes
+then, and a thread that still compiled would crash."""
+atexit.register(_GUARD.acquire)
 _HELD: list[Any] = []
 """Loaded code; it stays as long as the process, since functions of it are known by address."""
 
@@ -96,6 +100,11 @@ def object_code(text: str, target: Target, optimise: bool = True, straight: bool
     ------
     WideberthError : llvmlite cannot be imported, or LLVM refuses the text.
     """
+    with _GUARD:
+        return _compiled(text, target, optimise, straight)
+
+
+def _compiled(text: str, target: Target, optimise: bool, straight: bool) -> bytes:
     tool = llvm()
     if target != host():
         tool.initialize_all_targets()
