@@ -108,7 +108,8 @@ def run(
         need_workers()
     out = expanded(out)
     check_folder(out)
-    chosen = _chosen(experiment, quick)
+    with as_user_error():
+        chosen = _chosen(experiment, quick)
     with as_user_error(), working("listing the work"):
         work = _work(chosen, plugins)
     growing, source = work.experiment.growing, str(work.origin["source"])
