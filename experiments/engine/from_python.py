@@ -87,6 +87,11 @@ def _changed(
     seeds: int | None,
 ) -> tuple[Experiment, list[str]]:
     """Return the experiment with what is overridden, and the plug-in modules of its config."""
+    if not isinstance(overrides, Mapping):
+        raise WideberthError(
+            f"overrides is {short(overrides, 60)}; wanted a mapping such as "
+            "{'settings.time_limit': 30.0} (the folder of the result is folder=...)"
+        )
     changes: list[Change] = [
         (str(key), value, f"overrides[{key!r}]") for key, value in overrides.items()
     ]

@@ -78,6 +78,7 @@ def test_a_config_is_a_name_a_file_a_mapping_or_an_experiment() -> None:
         ("crossing", {"workers": 0}, "workers is 0; wanted at least 1"),
         ("approximation_error", {"seeds": 3}, "approximation_error has no setting `seeds`"),
         ("crossing", {"overrides": {"sedes": 3}}, "unknown key 'sedes': did you mean 'seeds'"),
+        ("crossing", {"overrides": "my_folder"}, "overrides is 'my_folder'; wanted a mapping"),
         (
             "crossing",
             {"overrides": {"seeds.0": 3}},
