@@ -183,12 +183,19 @@ def episode() -> Prepared:
     return round(DRIVE), partial(own_time, work)
 
 
+OWN_PATH = (
+    "import sys; "
+    'sys.meta_path[:] = [one for one in sys.meta_path if "__editable__" not in one.__module__]; '
+)
+"""Leaves PYTHONPATH to say where `wideberth` is: an editable installation would come first."""
+
+
 def start(code: str) -> Prepared:
     """Start another Python."""
 
     def work() -> float:
         before = of_children()
-        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-c", OWN_PATH + code], check=True, capture_output=True)
         return of_children() - before
 
     return 1, work
@@ -213,10 +220,26 @@ REFERENCES: dict[str, Callable[[], Prepared]] = {
 """What it is compared with in a row of the history."""
 
 
+def use(checkout: Path) -> None:
+    """Have `wideberth` be that of a checkout.
+
+    Raises
+    ------
+    SystemExit : it is not.
+    """
+    exec(OWN_PATH)
+    import wideberth
+
+    found = Path(wideberth.__file__).resolve().parent
+    if found != checkout.resolve():
+        raise SystemExit(f"this measures {found}; wanted {checkout}")
+
+
 def main() -> None:
     """Answer each line with the time of one piece; the first call of a work is not timed."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what solvers print is no answer
+    use(Path(sys.argv[1]))
     sys.path.insert(0, str(Path(sys.argv[1]) / "benchmarks"))
     ready: dict[str, Prepared] = {}
     for line in sys.stdin:

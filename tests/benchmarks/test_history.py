@@ -163,6 +163,21 @@ def test_the_work_is_done_and_what_cannot_be_done_has_a_reason() -> None:
     assert all(0.0 < float(one) < 60.0 for one in (unit, own, risk)), done.stderr
 
 
+def test_another_checkout_than_the_one_asked_for_is_refused(tmp_path: Path) -> None:
+    """An editable installation comes before PYTHONPATH, and would be measured in its place."""
+    other = tmp_path / "wideberth"
+    other.mkdir()
+    (other / "__init__.py").write_text('"""Another one."""\n')
+    link = FOLDER.parents[1] / ".venv" / "link"
+    for path, error in ((tmp_path, ""), (link, "this measures")):
+        done = subprocess.run(
+            [sys.executable, str(FOLDER / "work.py"), str(other)],
+            input="nothing\n", env={**os.environ, "PYTHONPATH": str(path)},
+            capture_output=True, text=True, timeout=300,
+        )  # fmt: skip
+        assert (error in done.stderr) if error else done.stdout.startswith('"KeyError')
+
+
 def test_equal_checkouts_are_compared_and_the_worktree_is_gone(
     compare: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
