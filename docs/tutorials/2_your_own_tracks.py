@@ -17,6 +17,7 @@ people in it, and lets a robot plan among them.
 #
 #    table = pandas.read_csv("mine.csv")
 #    table["frame"] = (table["time"] / 0.4).round().astype(int)  # rows are 0.4 s apart
+#    # columns of other names, in millimetres: table["x"] = table["pos_x_mm"] / 1000, and so on
 #    table[["frame", "id", "x", "y"]].to_csv("people.txt", sep=" ", header=False, index=False)
 #
 # Here we read a recording that comes with the package; put the name of your own file in its place.

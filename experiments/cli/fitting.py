@@ -18,7 +18,7 @@ from ...framework.values.tracks import Tracks
 from ...ros.bag_file import is_bag
 from ..engine.errors import describe_error
 from ..engine.provenance import plugin_modules
-from ..studies.crowd import TrackFile
+from ..studies.crowd import TrackFile, seconds
 from ..studies.prediction_data import pace
 
 FEWEST = 2
@@ -110,6 +110,7 @@ def read_files(paths: Sequence[str], dt: float) -> dict[str, Recording]:
     ------
     WideberthError : no file, one given twice, or as `TrackFile.read`.
     """
+    seconds("dt", dt)
     if not paths:
         raise WideberthError("no recording was given; wanted one text file at least")
     files = [file for path in paths for file in _files(expanded(path))]
@@ -130,7 +131,7 @@ def _files(path: Path) -> list[str]:
 def described(recording: Recording, noise: float | None = None) -> str:
     """Say of a recording what can be used of it, how noisy it is, and how fast people are."""
     stated = f"measurement noise stated as {noise:g} m" if noise is not None else None
-    lines = [stated or recording.noise.text, *pace(recording)]
+    lines = [stated or recording.noise.text, pace(recording)]
     return "\n".join([recording.report(), *(f"  {line}" for line in lines)])
 
 

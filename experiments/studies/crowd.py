@@ -13,6 +13,7 @@ from ...framework.tracking.recordings import (
     ROBOT_COLUMNS,
     TRACK_COLUMNS,
     Recording,
+    doubts,
     named_columns,
     read_robot_log,
     read_rows,
@@ -36,6 +37,10 @@ ROOM = 1.0
 """m from the robot's surface to the nearest person's, at the start and at the goal."""
 PREFIX = "recorded "
 """Of the names of the recorded, which may otherwise be the robot's own."""
+LONGEST_STEP = 10.0
+"""s between rows; people who are seen more rarely are not forecast."""
+FASTEST = 50.0
+"""m/s; a higher median speed is that of millimetres, or of a dt in other units."""
 DRAWS = 1000
 """Tries to find a free start before the recording is said to have none."""
 
@@ -69,7 +74,7 @@ class TrackFile:
 
     Raises
     ------
-    WideberthError : dt, radius or a number that is not above 0.
+    WideberthError : dt, radius or a number that is not above 0, or a dt above `LONGEST_STEP`.
     """
 
     path: str = f"{SHIPPED}crowd.txt"
@@ -82,7 +87,7 @@ class TrackFile:
     odometry: str | None = None
 
     def __post_init__(self) -> None:
-        positive("tracks.dt", self.dt)
+        seconds("tracks.dt", self.dt)
         positive("tracks.radius", self.radius)
         whole("tracks.minimum_samples", self.minimum_samples)
         if self.frames_per_row is not None:
@@ -137,12 +142,25 @@ class TrackFile:
 
         Raises
         ------
-        WideberthError : as the readers, and when no track is usable.
+        WideberthError : as the readers, when no track is usable, and for a median speed above
+            `FASTEST`.
         """
         recording = self._read()
         if not recording.usable:
-            raise WideberthError(f"{self.file} holds no person to cross: {recording.report()}")
+            raise WideberthError(f"{self.file} holds no usable track: {recording.report()}")
+        if recording.speed > FASTEST:
+            raise WideberthError(
+                f"{self.file}: {doubts(recording.speed)[0]} dt is {self.dt:g} s; wanted at most "
+                f"{FASTEST:g} m/s (divide millimetres by 1000)"
+            )
         return recording
+
+
+def seconds(name: str, dt: float) -> float:
+    """Return a time between rows if it is above 0 and at most `LONGEST_STEP`."""
+    if positive(name, dt) > LONGEST_STEP:
+        raise WideberthError(f"{name} is {dt:g} s; is it in ms?")
+    return dt
 
 
 def guess_kind(file: File) -> Kind:

@@ -9,10 +9,11 @@ from typing import ClassVar, Self, final
 
 from ...framework import Fittable, Predictor, WideberthError, build, names
 from ...framework.plugins.registry import unknown
+from ...framework.tracking.recordings import usual_speed
 from ..engine.closed_loop import group
 from .fitting import AS_GIVEN, NOTHING, fitted
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome
-from .prediction_data import PredictionData, SceneFiles, longest_stretch, usual_speed
+from .prediction_data import PredictionData, SceneFiles, longest_stretch
 from .prediction_figures import prediction_pictures
 from .prediction_scores import LEVELS, calibration, run_along, table_rows
 from .prediction_tables import primary_rows, summarised

@@ -11,15 +11,7 @@ from ...framework import Tracks, WideberthError
 from ...framework.tracking.jrdb import ROBOT_FRAME
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
-from .crowd import DATA, SHIPPED, Kind, TrackFile
-
-STOOD = 0.1
-"""m/s; who is slower stands."""
-SLOW = 0.2
-"""Share of the highest speeds below which a robot stands, in recordings of slow robots."""
-FAST = 4.0
-"""m/s; people (who walk at about 1.3) are not faster in the median, unless dt or the unit is
-wrong."""
+from .crowd import DATA, SHIPPED, Kind, TrackFile, seconds
 
 
 @final
@@ -50,7 +42,7 @@ class SceneFiles:
         if not self.files:
             raise WideberthError("files is empty; name at least one file of the scene")
         if self.dt is not None:
-            positive("dt", self.dt)
+            seconds("dt", self.dt)
 
 
 @final
@@ -88,8 +80,8 @@ class PredictionData:
     odometry: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("dt", "radius"):
-            positive(f"data.{name}", getattr(self, name))
+        seconds("data.dt", self.dt)
+        positive("data.radius", self.radius)
         if self.noise is not None:
             positive("data.noise", self.noise)
 
@@ -221,28 +213,7 @@ def longest_stretch(recording: Recording) -> int:
     return longest
 
 
-def usual_speed(recordings: Sequence[Recording]) -> float:
-    """Median speed, m/s, of those who do not stand; NaN if all always do.
-
-    To stand is to be slower than `STOOD`. In recordings of slow robots it is to be slower than a
-    fifth of the speed that one sample in a hundred exceeds.
-    """
-    parts = [
-        np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt
-        for one in recordings
-    ]
-    speeds = np.concatenate(parts)
-    speeds = speeds[np.isfinite(speeds)]
-    if not speeds.size:
-        return float("nan")
-    moving = speeds[speeds > min(STOOD, SLOW * float(np.quantile(speeds, 0.99)))]
-    return float(np.median(moving)) if moving.size else float("nan")
-
-
-def pace(recording: Recording) -> list[str]:
-    """Say how fast those who move are, and warn where the time or the unit is likely wrong."""
-    speed = usual_speed([recording])
-    if not speed > 0:
-        return ["all stand still"]
-    warning = "warning: that is fast; is dt right, are positions in metres?"
-    return [f"median speed of those who move: {speed:.3g} m/s", *([warning] * (speed > FAST))]
+def pace(recording: Recording) -> str:
+    """Say how fast those who move are."""
+    speed = recording.speed
+    return f"median speed of those who move: {speed:.3g} m/s" if speed > 0 else "all stand still"

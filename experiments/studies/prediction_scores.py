@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from ...framework import Adaptive, Forecast, Predictor
-from ...framework.tracking.recordings import Recording
+from ...framework.tracking.recordings import STOOD, Recording
 from ...framework.values.arrays import Array, BoolArray
 from ...metrics.scoring import (
     covered,
@@ -27,7 +27,7 @@ from ...metrics.scoring import (
 )
 from ...metrics.statistics import known_mean
 from ..engine.base import Row
-from .prediction_data import STOOD, PredictionData
+from .prediction_data import PredictionData
 from .prediction_windows import ForecastInstant, Protocol, moments
 from .region_family import rounded
 

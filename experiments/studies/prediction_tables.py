@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ...framework.tracking.recordings import doubts
 from ...metrics.statistics import known_mean
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
 from .fitting import AS_GIVEN, FITTED, UNFITTED
-from .prediction_data import FAST
 from .region_family import rounded
 
 MEANS = {
@@ -111,11 +111,10 @@ def _speed_notes(rows: list[Row]) -> list[str]:
     notes = []
     for row in rows:
         speed = float(row["speed_mps"])
-        text = f"median speed {speed:.3g} m/s of those who move"
-        if speed > FAST:
-            notes.append(f"{row['scene']}: {text}: is dt right?")
-        elif len(rows) == 1 and np.isfinite(speed):
-            notes.append(text)
+        asked = doubts(speed)
+        notes += [f"{row['scene']}: {text}" for text in asked]
+        if not asked and len(rows) == 1 and np.isfinite(speed):
+            notes.append(f"median speed {speed:.3g} m/s of those who move")
     return notes
 
 

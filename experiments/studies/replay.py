@@ -9,7 +9,7 @@ import numpy as np
 
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import fresh
-from ...framework.tracking.recordings import Recording
+from ...framework.tracking.recordings import Recording, doubts
 from ...framework.values.arrays import positive
 from ...metrics.episode import approach
 from ...simulation.engine.agents import RobotAgent
@@ -129,7 +129,8 @@ class Replay(SeededStudy):
         """Say how a file of the user's own is taken; it does not hold the time between rows."""
         if not self.tracks.path.startswith(SHIPPED):
             known = f"{self.tracks.path}: taken as {self.tracks.dt:g} s between rows (tracks.dt)"
-            say("; ".join([known, *pace(self.tracks.read())]))
+            recording = self.tracks.read()
+            say("; ".join([known, *(doubts(recording.speed) or [pace(recording)])]))
 
     def inputs(self) -> list[Path]:
         """Return the files of the recording."""

@@ -48,6 +48,9 @@ _NAMES = {word: name for name, words in _MEANINGS.items() for word in words}
 """Word of a header -> what the column holds."""
 _REMARKS = re.compile(r"\([^)]*\)?|\[[^]]*\]?|[\"']")
 """Units and the like in brackets, which may stay open, and quotes."""
+_SMALL = re.compile(r"[_(\[]\s*([mc]m)\b", re.IGNORECASE)
+"""A unit in a header that is no metre."""
+_UNITS = {"mm": ("millimetres", 1000), "cm": ("centimetres", 100)}
 
 
 def header(line: str) -> tuple[str, ...]:
@@ -60,18 +63,44 @@ def header(line: str) -> tuple[str, ...]:
     >>> header('"frame", "id", "x [m]", "y [m]"'), header("# time (s), x, y, theta (rad)")
     (('frame', 'id', 'x', 'y'), ('time', 'x', 'y', 'theta'))
     """
-    words = _REMARKS.sub("", line.lstrip("# \t")).replace(",", " ").lower().split()
+    words = _header_words(line)
     known = tuple(_NAMES[word] for word in words if word in _NAMES)
     return known if len(known) == len(words) else ()
 
 
+def _header_words(line: str) -> list[str]:
+    """Return the words of a line, as a comment or not, without what else may stand there."""
+    text = line.lstrip("# \t").split("#", 1)[0]
+    return _REMARKS.sub("", text).replace(",", " ").lower().split()
+
+
+def _seems_header(line: str, words: list[str], count: int) -> bool:
+    """Whether a line has a word for each column, none of them a number.
+
+    In a comment one of them must be a known name; otherwise it is prose.
+    """
+    if len(words) != count or any(map(_is_number, words)):  # rows of another length are refused
+        return False
+    prose = line.lstrip().startswith("#")
+    return not prose or any(_SMALL.sub("", word) in _NAMES for word in words)
+
+
 def _is_header(line: str, place: str, columns: tuple[str, ...]) -> bool:
     """Whether a line names the columns; refuse one that names others, or in another order."""
-    named = header(line)
-    if len(named) != len(columns):  # rows of another length are refused
+    words = _header_words(line)
+    if not _seems_header(line, words, len(columns)):
         return False
+    if unit := _SMALL.search(line):
+        name, factor = _UNITS[unit[1].lower()]
+        raise WideberthError(f"{place}: positions are in {name}: divide by {factor}")
+    named = header(line)
     if named == columns:
         return True
+    if not named:
+        raise WideberthError(
+            f"{place}: header not understood: names {short(' '.join(words), 80)}; wanted "
+            f"`{' '.join(columns)}` in metres (a comma or blanks between)"
+        )
     cure = "write the columns in this order"
     if "time" in named and "frame" in columns:
         cure = f"{_OF_TIMES}, and {cure}"
@@ -86,8 +115,9 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> Iterator[tuple[int, list[
     Raises
     ------
     WideberthError : no such file, no text, no rows, rows of another length, or a header before
-        the first row, as a comment or not, that names other columns. One that names these is
-        passed over.
+        the first row that names other columns, or positions in millimetres. One that names these
+        is passed over. A line is a header if it has as many words as there are columns, and no
+        number among them; a comment only if it has the name of a column too.
     """
     empty = True
     for place, line in enumerate(_text(path, columns).splitlines(), start=1):
@@ -137,8 +167,7 @@ def number(word: str, name: str, path: str | Path, line: int) -> float:
         value = float(word)
     except ValueError:
         raise WideberthError(
-            f"{path}, line {line}: {name} is {short(word, 40)}; wanted a number (put # before "
-            "a header)"
+            f"{path}, line {line}: {name} is {short(word, 40)}; wanted a number"
         ) from None
     if not np.isfinite(value):
         raise WideberthError(
@@ -189,11 +218,18 @@ def read_samples(path: Path) -> Samples:
 
 def _is_fraction(word: str) -> bool:
     """Whether a word is a number that is not whole."""
+    if not _is_number(word) or not np.isfinite(float(word)):
+        return False
+    return float(word) != round(float(word))
+
+
+def _is_number(word: str) -> bool:
+    """Whether a word is a number, perhaps NaN or infinite."""
     try:
-        value = float(word)
+        float(word)
     except ValueError:
         return False
-    return bool(np.isfinite(value)) and value != round(value)
+    return True
 
 
 def _identity(word: str, path: Path, line: int) -> str:
@@ -213,6 +249,13 @@ def _identity(word: str, path: Path, line: int) -> str:
 
 
 OFF_GRID = 1e-6
+STOOD = 0.1
+"""m/s; who is slower stands."""
+SLOW = 0.2
+"""Share of the highest speeds below which a robot stands, in recordings of slow robots."""
+FAST = 4.0
+"""m/s; people (who walk at about 1.3) are not faster in the median, unless dt or the unit is
+wrong."""
 SIDEWAYS = 0.5
 """Share of the way of a robot log that lies across the headings; more contradicts its columns."""
 
@@ -262,15 +305,24 @@ class Recording:
         """How noisy the recorded positions are, estimated from all tracks together."""
         return estimated_noise(np.asarray(self.positions))
 
+    @cached_property
+    def speed(self) -> float:
+        """Median speed, m/s, of those who do not stand; see `usual_speed`."""
+        return usual_speed([self])
+
     def report(self) -> str:
-        """Say in a few lines how many tracks are usable, and why others are not."""
+        """Say in a few lines how many tracks are usable, and why others are not.
+
+        A last line asks for dt and the unit where the median speed is above `FAST`.
+        """
         count = len(self.ids)
         lines = [f"{len(self.usable)} of {count} tracks usable, {len(self.times)} rows"]
         lines[0] += f" of {self.dt:g} s"
         reasons = [reason for reason in self.unusable if reason is not None]
         for reason in sorted(set(reasons)):
             lines.append(f"  {reasons.count(reason)} unusable: {reason}")
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+        lines += [f"  note: {note}" for note in self.notes]
+        return "\n".join([*lines, *(f"  warning: {text}" for text in doubts(self.speed))])
 
     def tracks(
         self, end_index: int, length: int, *, radius: float = 0.3, noise: float | None = None
@@ -326,6 +378,30 @@ class Recording:
     def truth(self) -> Truth:
         """Return the whole recording as the future for the oracle; NaN where unobserved."""
         return Truth(self.times, dict(zip(self.ids, self.positions, strict=True)))
+
+
+def usual_speed(recordings: Sequence[Recording]) -> float:
+    """Median speed, m/s, of those who do not stand; NaN if all always do.
+
+    To stand is to be slower than `STOOD`. In recordings of slow robots it is to be slower than a
+    fifth of the speed that one sample in a hundred exceeds.
+    """
+    parts = [
+        np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt
+        for one in recordings
+    ]
+    speeds = np.concatenate(parts)
+    speeds = speeds[np.isfinite(speeds)]
+    if not speeds.size:
+        return float("nan")
+    moving = speeds[speeds > min(STOOD, SLOW * float(np.quantile(speeds, 0.99)))]
+    return float(np.median(moving)) if moving.size else float("nan")
+
+
+def doubts(speed: float) -> list[str]:
+    """Ask for dt and the unit where a median speed, m/s, is above `FAST`; otherwise nothing."""
+    text = f"median speed {speed:.3g} m/s of those who move: is dt right, are positions in metres?"
+    return [text] * (speed > FAST)
 
 
 def gridded(

@@ -203,7 +203,26 @@ def test_refusals(shell, arguments: tuple[str, ...], words: str) -> None:  # typ
 
 def test_a_wrong_dt_or_unit_is_noticed(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, _ = shell("fit", "pacer", CROWD, "--dt", "0.04", "--out", "p.json")
-    assert code == 0 and "warning: that is fast; is dt right, are positions in metres?" in out
+    assert code == 0 and out.count("is dt right, are positions in metres?") == 1
+    assert "  warning: median speed " in out
+    small = read_tracks(CROWD, dt=0.4).positions * 1000.0
+    Path("mm.txt").write_text(
+        "".join(
+            f"{row} {who} {x} {y}\n"
+            for who, track in enumerate(small)
+            for row, (x, y) in enumerate(track)
+            if np.isfinite(x)
+        )
+    )
+    code, out, error = shell("fit", "pacer", "mm.txt", "--dt", "0.4", "--out", "q.json")
+    assert code == 2 and error.count("Error:") == 1 and not out
+    asked = "m/s of those who move: is dt right, are positions in metres? dt is 0.4 s; wanted"
+    assert error.startswith("Error: mm.txt: median speed ") and f"963 {asked}" in error
+    code, out, error = shell("fit", "pacer", CROWD, "--dt", "400", "--out", "q.json")
+    assert (code, out, error) == (2, "", "Error: dt is 400 s; is it in ms?\n")
+    Path("few.txt").write_text("0 1 2 3\n")
+    code, _, error = shell("fit", "pacer", "few.txt", "--dt", "0.4", "--out", "q.json")
+    assert code == 2 and "few.txt holds no usable track: 0 of 1" in error
 
 
 def test_what_stays_as_it_was_is_said_and_written(shell) -> None:  # type: ignore[no-untyped-def]

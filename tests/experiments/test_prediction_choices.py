@@ -16,12 +16,11 @@ from wideberth.experiments.studies.prediction_data import (
     PredictionData,
     SceneFiles,
     longest_stretch,
-    usual_speed,
 )
 from wideberth.experiments.studies.prediction_windows import Protocol, shown_windows
 from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.predictor import Fittable, Predictor
-from wideberth.framework.tracking.recordings import Recording
+from wideberth.framework.tracking.recordings import Recording, usual_speed
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
@@ -236,8 +235,17 @@ def test_a_wrong_time_between_rows_is_told(tmp_path: Path) -> None:
     rows = rows_of(tenth)
     assert rows[0]["speed_mps"] == pytest.approx(12.5)
     notes = [line["notes"] for line in tenth.summary(rows)]
-    said = "a: median speed 12.5 m/s of those who move: is dt right?"
+    said = "a: median speed 12.5 m/s of those who move: is dt right, are positions in metres?"
     assert said in notes[0] and said in notes[1] and "b: median" in notes[0]
+    small = replace(data, dt=0.0004)  # as if all were in millimetres
+    with pytest.raises(
+        WideberthError, match=r"a\.txt: median speed 1\.25e\+03 m/s .* in metres\?"
+    ):
+        small.read(small.found()["a"])
+    with pytest.raises(WideberthError, match=r"^data\.dt is 400 s; is it in ms\?$"):
+        replace(data, dt=400.0)
+    with pytest.raises(WideberthError, match=r"^dt is 400 s; is it in ms\?$"):
+        SceneFiles(("a.txt",), dt=400.0)
 
 
 def test_one_scene_has_each_line_once_and_its_figures_no_means(tmp_path: Path) -> None:

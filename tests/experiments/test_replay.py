@@ -212,8 +212,13 @@ def test_comparison_marks_who_never_arrived() -> None:
         ("10 1 1 2\n10 2 1 2\n0 1 0 2\n", "line 3: frame 0 of id 1 comes after frame 10"),
         ("0.5 1 0 2\n0.1 1 0 2\n", "line 2: time 0.1 does not come after 0.5"),
         ("0 1 0\n", "3 columns; wanted 4"),
-        ("0 1 0 2\n10 1 1 2\n", "holds no person to cross: 0 of 1 tracks usable"),
+        ("0 1 0 2\n10 1 1 2\n", "holds no usable track: 0 of 1 tracks usable"),
         ("".join(f"{k} 1 {k} 2\n" for k in range(20)), "the recording lasts 7.6 s"),
+        (
+            "".join(f"{k} 1 {500 * k} 2\n" for k in range(40)),
+            "median speed 1.25e+03 m/s of those who move: is dt right, are positions in metres?",
+        ),
+        ("frame,id,x_mm,y_mm\n0,1,2,3\n", "line 1: positions are in millimetres: divide by 1000"),
     ],
 )
 def test_bad_files_end_before_any_work(
@@ -239,6 +244,7 @@ def test_bad_files_end_before_any_work(
     [
         ("tracks.dt=0", "tracks.dt is 0"),
         ("tracks.dt=-0.4", "tracks.dt is -0.4"),
+        ("tracks.dt=400", r"tracks\.dt is 400 s; is it in ms\?$"),
         ("tracks.radius=-1", "tracks.radius is -1"),
         ("tracks.frames_per_row=0", "tracks.frames_per_row"),
         ("tracks.kind=people", "tracks.kind"),
@@ -308,11 +314,11 @@ def test_a_recording_of_ros_is_replayed(
     assert other.tracks.read().ids == ("/odom",)
 
 
-@pytest.mark.parametrize(("unit", "warned"), [(1.0, False), (1000.0, True)])
+@pytest.mark.parametrize(("unit", "warned"), [(1.0, False), (10.0, True)])
 def test_a_file_of_ones_own_is_taken_as_said(
     unit: float, warned: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The time between rows is not in the file; millimetres look like people who fly."""
+    """The time between rows is not in the file; decimetres look like people who fly."""
     walk = "".join(
         f"{10 * k} {who} {unit * 0.4 * k} {unit * (who + 0.1 * k)}\n"
         for who in range(3)
@@ -322,6 +328,7 @@ def test_a_file_of_ones_own_is_taken_as_said(
     shipped(f"tracks.path={tmp_path / 'mine.txt'}").check()
     said = capsys.readouterr().err
     assert "mine.txt: taken as 0.4 s between rows (tracks.dt); median speed" in said
+    assert ("median speed 10.3 m/s of those who move: is dt right" in said) == warned
     assert ("is dt right, are positions in metres?" in said) == warned
     shipped().check()
     assert capsys.readouterr().err == ""

@@ -185,10 +185,55 @@ def test_a_header_that_names_other_columns_is_read(tmp_path, head, message):
         read_tracks(write(tmp_path, f"{head}\n{rows}\n"), dt=0.4)
 
 
+UNKNOWN = "line 1: header not understood: names '{}'; wanted `frame id x y` in metres"
+SMALL = "line 1: positions are in {}: divide by {}"
+
+
+@pytest.mark.parametrize("mark", ["", "# "])
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        ("frame,person,x,y", UNKNOWN.format("frame person x y")),
+        ("who frame east north  # by hand", UNKNOWN.format("who frame east north")),
+        ("frame id x_km y_km", UNKNOWN.format("frame id x_km y_km")),
+        ("person_id,frame,pos_x_mm,pos_y_mm", SMALL.format("millimetres", 1000)),
+        ("frame,id,x_mm,y_mm", SMALL.format("millimetres", 1000)),
+        ("Frame, ID, X [mm], Y [mm]", SMALL.format("millimetres", 1000)),
+        ("number who x_mm y_mm", SMALL.format("millimetres", 1000)),
+        ("frame id x (cm) y (cm)", SMALL.format("centimetres", 100)),
+    ],
+)
+def test_a_header_that_is_not_understood_is_no_comment(
+    tmp_path: Path, mark: str, head: str, said: str
+) -> None:
+    path = write(tmp_path, f"{mark}{head}\n0 1 2 3\n")
+    with pytest.raises(WideberthError) as caught:
+        read_tracks(path, dt=0.4)
+    assert said in str(caught.value) and "#" not in str(caught.value)
+
+
+def test_a_header_of_a_robot_log_is_not_understood(tmp_path: Path) -> None:
+    path = write(tmp_path, "# time_s x_m y_m theta_deg\n0 1 2 3\n")
+    with pytest.raises(WideberthError, match="wanted `time x y theta` in metres"):
+        read_robot_log(path, 0.4)
+
+
+def test_a_report_asks_for_the_unit_where_people_fly(tmp_path: Path) -> None:
+    walk, fly = (
+        read_tracks(write(tmp_path, "".join(f"{k} 1 {size * k} 0\n" for k in range(9))), dt=0.4)
+        for size in (0.5, 500)
+    )
+    assert "metres" not in walk.report() and walk.speed == pytest.approx(1.25)
+    asked = "1.25e+03 m/s of those who move: is dt right, are positions in metres?"
+    assert fly.report().splitlines()[-1] == f"  warning: median speed {asked}"
+
+
 @pytest.mark.parametrize("head", ["frame,id,x,y", "Frame ped_id x_m y_m",
                                   "# frame id x y", "# Frame, ped_id, x_m, y_m (m)", "# x y",
                                   "# frame (1), id (1), x (m), y (m)", "# (id) [time] (x) y",
                                   '"frame","id","x","y"',
+                                  "# recorded at noon by camera 2", "# made by a student",
+                                  "# frame rate: 25 Hz", "frame id x y  # by hand",
                                   "# id time x and y come later"])  # fmt: skip
 def test_other_comments_are_left_alone(tmp_path, head):
     text = f"{head}\n0 1 2 3\n# id time x y\n1 1 2 3\n"
@@ -245,7 +290,7 @@ BAD_TRACKS = {
     "a\0b": "is not a text file",
     "0 1 2": "line 1: 3 columns; wanted 4: `frame id x y`",
     "0 1 2 3\n1 1 2 3 4": "line 2: 5 columns",
-    "a,b,c,d\n0,1,2,3": "line 1: frame is 'a'; wanted a number",
+    "a,b,c,d\n0,1,2,3": "line 1: header not understood: names 'a b c d'; wanted `frame id x y`",
     "0 1 2 nan": "line 1: y is nan; leave a row out",
     "0 1 inf 3": "line 1: x is inf",
     "0 nan 2 3": "line 1: id is nan",
