@@ -1,5 +1,6 @@
 """Printed tables answer the question first, and write shares, counts and lengths as such."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.column_descriptions import (
     column_descriptions,
+    column_meanings,
     defined_columns,
     shares,
 )
@@ -97,8 +99,28 @@ def test_what_a_column_means_is_one_command_away(capsys: pytest.CaptureFixture[s
     assert "did you mean 'success'" in printed("column", "sucess")
     assert "none was named" in printed("column")
     for name in condensed_rows()[0]:
-        if name not in ("scenario", "controller"):
-            assert printed("column", name).startswith(name)
+        assert printed("column", name).startswith(name)
+
+
+def test_a_meaning_stands_alone() -> None:
+    apart = [
+        ("tail_nominal", "tail_observed"), ("step_risk", "step_touched"), ("timeout", "deadlock"),
+        ("aimed_successors", "lowered_successors"), ("feasible_successors", "lowered_successors"),
+        ("infeasible_successors_per_10000", "lowered_successors_per_10000"),
+        ("success_low", "collision_low"), ("coverage", "coverage_last"),
+    ]  # fmt: skip
+    found = column_descriptions("comparison", [name for pair in apart for name in pair])
+    assert all(found[one].text != found[other].text for one, other in apart)
+    elsewhere = re.compile(
+        r"^(the same\b(?! as)|its rung|those )|\b(that|these|those) "
+        r"(share|difference|clearance|maximum|regions|outcomes|reasons|areas|errors|seeds)\b"
+        r"|\bthere was one\b"
+    )
+    said = {name: column_meanings(name) for name in defined_columns()}
+    meanings = {name: [line.split(": ", 1)[1] for line in lines] for name, lines in said.items()}
+    assert [
+        name for name, texts in meanings.items() for text in texts if elsewhere.search(text)
+    ] == []
 
 
 @pytest.mark.parametrize("study", names("experiments"))
