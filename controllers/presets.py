@@ -69,8 +69,10 @@ def mpc_constant_velocity(given: Mapping[str, Any], path: str = "") -> dict[str,
 
     |p_i - mu_i| >= r + r_d + margin at every step i, mu as `ConstantVelocity` of the predictors
     forecasts; its covariance is not looked at. (The region is `half_plane` with the risk 1/2,
-    which is that disc: Phi^-1(1/2) = 0.) What a comparison says beyond this row is what the
-    covariance is worth.
+    which is that disc: Phi^-1(1/2) = 0.) From the recommended planner it differs in predictor,
+    region and level, has no margin unless one is stated, and its weights do not follow the speed:
+    a comparison of the two is one of all of these. What the covariance alone is worth is seen
+    against the recommended planner with ``level: {type: fixed, tail: 0.999}``.
     """
     level = {"type": "fixed", "tail": 0.5}
     parts = {"predictor": "constant_velocity", "region": "half_plane", "level": level}
