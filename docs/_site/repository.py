@@ -61,7 +61,8 @@ def linked(text: str, home: Path, page: str) -> str:
             return match["text"]
         suffix = ".md" if name in ("index", "examples") or file.suffix == ".md" else ".rst"
         target = os.path.relpath(f"{name}{suffix}", Path(page).parent)
-        return f"[{match['text']}]({target}{match['anchor'] or ''})"
+        text = "" if match["text"].endswith(".md") else match["text"]  # then its title is shown
+        return f"[{text}]({target}{match['anchor'] or ''})"
 
     def shown(match: re.Match[str]) -> str:
         file = os.path.normpath(home / match["target"])
@@ -121,6 +122,7 @@ def page_of(file: Path, name: str) -> str:
     language = LANGUAGES.get(file.suffix, "text")
     lines = [":orphan:", "", title, "=" * len(title), ""]
     if file.parent == Path("examples"):
+        lines += [f":download:`Download the script <{up}{title}>`", ""]
         lines += [f".. image:: /auto/examples/{file.stem}.png", "   :alt: what the script draws",
                   "   :width: 80%", "", "It prints:", "",
                   f".. literalinclude:: /auto/examples/{file.stem}.txt", "   :language: text", "",

@@ -137,6 +137,27 @@ def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:
     assert (tmp_path / "page.html").stat().st_size > 100_000
 
 
+START = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("heading", "script"),
+    [
+        ("Plan among walls", (ROOT / "examples" / "static_polygons.py").read_text("utf-8")),
+        ("In Python", re.findall(r"```python\n(.*?)```", START, re.DOTALL)[-1]),
+    ],
+    ids=["walls", "table"],
+)
+def test_the_start_page_names_the_extra_that_its_script_needs(
+    heading: str, script: str, tmp_path: Path
+) -> None:
+    done = python(tmp_path, script)
+    asked = LINE.search(done.stderr)
+    assert done.returncode and asked is not None, done.stderr[-2000:]
+    (section,) = re.findall(rf"^## {heading}\n(.*?)(?=^## |\Z)", START, re.DOTALL | re.MULTILINE)
+    assert asked[0] in section
+
+
 @pytest.mark.parametrize(
     ("words", "extra"),
     [

@@ -165,6 +165,8 @@ def wideberth(words: list[str]) -> None:
     given = command.make_context(words[0], ros_apart(words[1:])).params
     if "config" in given:
         read_experiment(given["config"], list(given.get("set_") or []))
+    if words[0] == "new":
+        group.main(words, standalone_mode=False)  # a later line runs what it writes
     if words[0] == "check":
         registry.load(given["room"], given["target"])
     if words[0] == "list" and given.get("room") not in (None, "configs"):

@@ -3,6 +3,7 @@
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -142,6 +143,40 @@ def test_the_start_page_shows_installation_and_script_of_the_readme_and_no_copy(
     assert included("index.md") == [script]
     paragraphs = {one.strip() for one in README.split("\n\n") if len(one) > 40}
     assert not paragraphs & {one.strip() for one in page.split("\n\n")}
+
+
+def test_a_link_that_names_a_file_shows_the_title_of_its_page() -> None:
+    from _site.repository import linked  # type: ignore[import-not-found]
+
+    text = "See [scenarios.md](scenarios.md), [a planner](choose.md#a-planner) and "
+    text += "[write-your-own.md](write-your-own.md#a-scenario)."
+    assert linked(text, Path("docs"), "start") == (
+        "See [](scenarios.md), [a planner](choose.md#a-planner) and "
+        "[](write-your-own.md#a-scenario)."
+    )
+
+
+def test_the_page_of_an_example_offers_its_script() -> None:
+    from _site.repository import document, page_of
+
+    for script in (ROOT / "examples").glob("*.py"):
+        name = document(script.relative_to(ROOT))
+        page = page_of(script.relative_to(ROOT), name)
+        (place,) = re.findall(r":download:`[^<`]+<(.+?)>`", page)
+        assert (ROOT / "docs" / name).parent.joinpath(place).resolve() == script
+
+
+def test_the_title_of_the_first_picture_is_explained() -> None:
+    (script,) = included("index.md")
+    code, after = re.findall(r"^```python\n(.*?)^```$(.*)", script, re.DOTALL | re.MULTILINE)[0]
+    known: dict[str, Any] = {}
+    exec(code.replace('plt.savefig("plan.png")', ""), known)
+    plan = known["planner"].plan
+    title = known["plt"].gca().get_title(loc="left")
+    (held,) = re.findall(r"holds (\d+ %)", title)
+    assert held == f"{100 * plan.lowest_content:.0f} %" and plan.given_way is not None
+    assert f"holds {held}" in after and "95 %" in after and "`relaxed`" in after
+    known["plt"].close("all")
 
 
 def test_numbers_on_the_first_page_were_measured() -> None:
