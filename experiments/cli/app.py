@@ -309,7 +309,7 @@ def check(
     """Check that a plug-in keeps the laws of its room, one line per law."""
     from ...framework import testing
     from ...framework.plugins.registry import room_name, unknown
-    from ...framework.testing.laws import described, findings
+    from ...framework.testing.laws import Law, causes, findings
     from ..engine.progress import working
     from .fitting import read_plugin
 
@@ -321,18 +321,18 @@ def check(
         raise WideberthError("--dimensions takes 2 or 3, for a predictor or a region")
     plugin = read_plugin(room_name(room), target, set_ or [])
     choices = {"dimensions": tuple(dimensions)} if dimensions else {}
-    broken: dict[str, str] = {}
+    broken: list[tuple[Law, Exception]] = []
     for one in testing.laws_of(kind, plugin, **choices):
         with working(f"checking: {one.name}"):
             ((law, error),) = findings([one])
         verdict = f"exempt: {law.exception}" if law.exception else "broken" if error else "holds"
         typer.echo(f"{law.name}: {verdict}")
-        broken |= {law.name: described(error)} if error else {}
-    for name, said in broken.items():
-        line = f"{target} breaks a law of {room_name(room)}: {name}: {said}"
+        broken += [(law, error)] if error else []
+    for cause in causes(broken):
+        line = f"{target} breaks a law of {room_name(room)}: {cause}"
         typer.secho(line, fg="red", err=True)
     if broken:
-        if not dimensions and (size := _kept_in(kind, plugin, broken)):
+        if not dimensions and (size := _kept_in(kind, plugin, {law.name for law, _ in broken})):
             typer.echo(f"In {size} dimensions it keeps them all: --dimensions {size}", err=True)
         raise typer.Exit(1)
     typer.echo(f"{target} keeps the laws of {room_name(room)}.")

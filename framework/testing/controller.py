@@ -94,7 +94,7 @@ class _Days:
 
     def _asked(self, observation: Observation) -> Array:
         """Return a command as numbers, if it is one that the robot can follow."""
-        with serving("command never raises", "; it must turn that into a status"):
+        with serving("command", "; it must turn that into a status"):
             command = self.controller.command(observation)
         wrong = broken_limit(self.robot, command)
         assert not wrong, f"the command breaks the contract: {wrong}; state {observation.state}"

@@ -18,7 +18,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, final
 
 from ..values.coverage import Coverage
-from ..values.errors import WideberthError
+from ..values.errors import WideberthError, place_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -175,12 +175,12 @@ def check_coverage(coverage: Any) -> None:
 
 
 @contextmanager
-def serving(law: str, remark: str = "") -> Iterator[None]:
-    """Turn whatever is raised into a broken law, such as "command never raises".
+def serving(what: str, remark: str = "") -> Iterator[None]:
+    """Turn whatever is raised into a broken law.
 
     Parameters
     ----------
-    law : begins the message.
+    what : must not raise; it begins the message, as in "command raised KeyError: ...".
     remark : ends it.
     """
     try:
@@ -188,8 +188,7 @@ def serving(law: str, remark: str = "") -> Iterator[None]:
     except AssertionError:
         raise
     except Exception as error:
-        words = f"{law}: {type(error).__name__}: {error}{remark}"
-        raise AssertionError(words) from error
+        raise AssertionError(f"{what} {_raised(error)}{remark}") from error
 
 
 @contextmanager
@@ -201,7 +200,7 @@ def refusing(what: str) -> Iterator[None]:
         return
     except Exception as error:
         raise AssertionError(
-            f"{what}: wrong use raised {type(error).__name__}: {error}; wanted a WideberthError"
+            f"{what}: wrong use {_raised(error)}; wanted a WideberthError"
         ) from error
     raise AssertionError(f"{what}: wrong use is accepted without a word; wanted a WideberthError")
 
@@ -226,7 +225,7 @@ def require(laws: Iterable[Law]) -> None:
 
     Raises
     ------
-    AssertionError : one line per broken law, with its name and where it broke.
+    AssertionError : one line per cause, see `causes`.
 
     Examples
     --------
@@ -234,17 +233,46 @@ def require(laws: Iterable[Law]) -> None:
     >>> def fails() -> None:
     ...     raise AssertionError("2 is odd")
     >>> require([Law("first", holds), Law("second", fails, "it is exempt")])
-    >>> require([Law("first", holds), Law("second", fails)])
+    >>> require([Law("first", holds), Law("second", fails), Law("third", fails)])
     Traceback (most recent call last):
-    AssertionError: second: 2 is odd
+    AssertionError: second: 2 is odd; also: third
     """
     broken = [(law, error) for law, error in findings(laws) if error is not None]
     if broken:
-        lines = [f"{law.name}: {described(error)}" for law, error in broken]
-        raise AssertionError("\n".join(lines)) from broken[0][1]
+        raise AssertionError("\n".join(causes(broken))) from broken[0][1]
 
 
-def described(error: Exception) -> str:
-    """Return the message of a broken law; an exception of another kind by its type too."""
-    kind = "" if isinstance(error, AssertionError) else f"raised {type(error).__name__}: "
-    return f"{kind}{error}"
+def causes(broken: Iterable[tuple[Law, Exception]]) -> list[str]:
+    """Return one line per cause: the first law that it breaks, where, and the names of the others.
+
+    Laws have the same cause where the exceptions that began it have the same message.
+
+    Parameters
+    ----------
+    broken : laws that do not hold, each with its error.
+    """
+    found: dict[str, tuple[str, list[str]]] = {}
+    for law, error in broken:
+        line = f"{law.name}: {_described(error)}"
+        _, names = found.setdefault(_described(_begun_by(error)), (line, []))
+        names.append(law.name)
+    return [
+        "; also: ".join([line, ", ".join(names[1:])]) if len(names) > 1 else line
+        for line, names in found.values()
+    ]
+
+
+def _begun_by(error: BaseException) -> BaseException:
+    """Return the exception that was raised first of those that led to this one."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    return error
+
+
+def _described(error: BaseException) -> str:
+    """Return the message of a broken law; an exception of another kind by type and place too."""
+    return str(error) if isinstance(error, AssertionError) else _raised(error)
+
+
+def _raised(error: BaseException) -> str:
+    return f"raised {type(error).__name__}: {error}{place_of(error)}"

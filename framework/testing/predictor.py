@@ -272,7 +272,7 @@ def _strict(what: str, remark: str) -> Iterator[None]:
 
 def _predict(predictor: Predictor, tracks: Tracks, scene: Scene | None, where: str) -> Forecast:
     try:
-        with _strict("never raises", f" ({where})"):
+        with _strict("predict", f" ({where})"):
             forecast = predictor.predict(tracks, STEPS, scene)
     except AssertionError as error:
         raise AssertionError(f"{error}; {_culprit(predictor, tracks)}") from error
@@ -292,7 +292,7 @@ def _culprit(predictor: Predictor, tracks: Tracks) -> str:
 
 
 def _updated(predictor: Adaptive, tracks: Tracks, where: str) -> Adaptive:
-    with _strict("update never raises", f" ({where})"):
+    with _strict("update", f" ({where})"):
         updated = predictor.update(tracks)
     assert type(updated) is type(predictor), f"update returns its own kind ({where})"
     return updated
@@ -401,7 +401,7 @@ class _Fits:
 
     def _fit(self) -> Fittable:
         hint = " (if it needs more or other recordings, give check_predictor a dataset)"
-        with serving("fit never raises on a proper dataset", hint):
+        with serving("fit", hint):
             try:
                 fitted = self.predictor.fit(self.dataset)
             except WideberthError:

@@ -214,7 +214,7 @@ class _Trial:
             "a reference far away": (replace(given, reference=given.reference + 1e4), guess),
         }
         for name, (parameters, start) in trials.items():
-            with serving(f"{name} never raises"):
+            with serving(name):
                 (found,) = self._solve(problem, parameters, [start])
             if found.status is Status.SOLVED:
                 broken = violation(problem, parameters, found.point).worst

@@ -235,14 +235,14 @@ def _time(sample: Sample) -> float:
 
 
 def _given(estimator: StateEstimator, sample: Sample) -> str:
-    with serving("take never raises", f"; wanted a reason, for {sample}"):
+    with serving("take", f"; wanted a reason, for {sample}"):
         reason = estimator.take(sample)
     assert isinstance(reason, str), f"take returned {reason!r}; wanted a reason, or ''"
     return reason
 
 
 def _asked(estimator: StateEstimator, time: float) -> MotionEstimate:
-    with serving(f"at({time}) never raises", "; wanted an estimate with a covariance"):
+    with serving(f"at({time})", "; wanted an estimate with a covariance"):
         found = estimator.at(time)
         return MotionEstimate(found.time, found.mean, found.covariance, found.frame)
 

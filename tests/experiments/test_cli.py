@@ -110,7 +110,9 @@ def test_check(shell) -> None:  # type: ignore[no-untyped-def]
     with warnings.catch_warnings():
         code, out, error = shell("check", "predictor", "odd:Odd", "--set", "power=2")
     assert code == 1 and "odd:Odd breaks a law of predictors" in error
-    assert "pure: broken\n" in out and "RuntimeError: always" in error
+    assert "pure: broken\n" in out and f"RuntimeError: always ({Path('odd.py').resolve()}" in error
+    (line,) = error.splitlines()  # one cause
+    assert ", line 8)" in line and "; also: pure, translation equivariant" in line
 
 
 def test_check_says_a_law_once_and_in_which_dimensions_it_holds(shell) -> None:  # type: ignore[no-untyped-def]

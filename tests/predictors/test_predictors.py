@@ -319,7 +319,7 @@ class Broken(Predictor):
 @pytest.mark.parametrize(
     ("broken", "law", "message"),
     [
-        ("never raises", "shapes, finite, symmetric, PSD", "^never raises: ValueError"),
+        ("never raises", "shapes, finite, symmetric, PSD", "^predict raised ValueError"),
         (
             "step 4 of track 'stopped'",
             "pure",

@@ -222,7 +222,7 @@ class Forgetful(Adaptive):
     ("predictor", "law"),
     [
         (Leaky(), "a reason for an obstacle never observed"),
-        (Noisy(), "never raises: RuntimeWarning"),
+        (Noisy(), "predict raised RuntimeWarning"),
         (Torn(), "step 1 of track 'ordinary', .*: joint covariance differs by"),
         (Forgetful([]), "a second call gives another forecast: step 1 of .*, after updates"),
     ],

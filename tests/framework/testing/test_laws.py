@@ -1,13 +1,15 @@
 """How laws are stated: by marked methods, checked on every case, alone or together."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 
 import numpy as np
 import pytest
 
-from wideberth.framework.testing.laws import Contract, Law, law, refusing, serving, stated
+from wideberth.framework.testing.laws import Contract, Law, law, refusing, require, serving, stated
 from wideberth.framework.values.errors import WideberthError
 
 DRAWN: list[float] = []
@@ -83,11 +85,45 @@ def test_a_law_draws_the_same_whether_others_are_checked_or_not() -> None:
 
 
 def test_what_is_raised_breaks_a_law() -> None:
-    with pytest.raises(AssertionError, match=r"^it never raises: KeyError: 'x', in the rain$"):
-        with serving("it never raises", ", in the rain"):
+    with pytest.raises(
+        AssertionError,
+        match=rf"^it raised KeyError: 'x' \({re.escape(__file__)}, line \d+\), in the rain$",
+    ):
+        with serving("it", ", in the rain"):
             raise KeyError("x")
-    with pytest.raises(AssertionError, match=r"^as it is$"), serving("it never raises"):
+    with pytest.raises(AssertionError, match=r"^as it is$"), serving("it"):
         raise AssertionError("as it is")
+
+
+def test_one_cause_is_one_line_with_the_names_of_all_laws_that_it_breaks() -> None:
+    def raising(remark: str, key: str = "x") -> None:
+        with serving("it", remark):
+            raise KeyError(key)
+
+    def bare() -> None:
+        raise KeyError("x")
+
+    def different() -> None:
+        raise AssertionError("2 is odd")
+
+    laws = [
+        Law("first", partial(raising, " at noon")),
+        Law("second", different),
+        Law("third", partial(raising, " at dawn")),
+        Law("fourth", bare),
+        Law("fifth", partial(raising, "", "y")),
+        Law("sixth", partial(raising, "")),
+    ]
+    with pytest.raises(AssertionError) as caught:
+        require(laws)
+    here = rf"\({re.escape(__file__)}, line \d+\)"
+    wanted = [
+        rf"first: it raised KeyError: 'x' {here} at noon; also: third, sixth",
+        r"second: 2 is odd",
+        rf"fourth: raised KeyError: 'x' {here}",
+        rf"fifth: it raised KeyError: 'y' {here}",
+    ]
+    assert re.fullmatch("\n".join(wanted), str(caught.value)), caught.value
 
 
 def test_wrong_use_has_to_be_refused() -> None:
