@@ -14,6 +14,7 @@ from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import checked_places
 from ..framework.values.arrays import positive
 from ..framework.values.errors import WideberthError
+from ..framework.values.failures import caught
 from ..framework.values.motion import Command, Observation, checked_numbers
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
@@ -87,7 +88,7 @@ class Policy(Controller):
             command = self._view.box.command(self._decide(self._view.show(observation)))
             command = within_reach(self.robot, command)
         except Exception as error:  # a policy may fail in any way
-            self._reason = f"{type(error).__name__}: {error}"
+            self._reason = caught(error)
             WARNINGS.warn(type(self).__name__, "stands still", self._reason)
             command = Command((0.0,) * self.robot.dimension)
         self._view.commanded(command)

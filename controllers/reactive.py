@@ -15,6 +15,7 @@ from ..framework.tracking.history import MOST, admitted, named_apart, viewpoint
 from ..framework.tracking.stand_ins import LastGood, checked_places
 from ..framework.values.arrays import Array, positive
 from ..framework.values.errors import WideberthError
+from ..framework.values.failures import caught
 from ..framework.values.motion import Command, Detection, Observation, checked_numbers
 from ..framework.values.number_limits import SHORTEST
 from ..framework.values.path import Path
@@ -222,7 +223,7 @@ class Reactive(Controller):
                 raise WideberthError(f"the decision is {command}, which is not finite")
             command = within_reach(self.robot, command)
         except Exception as error:
-            self._reason = f"{type(error).__name__}: {error}"
+            self._reason = caught(error)
             WARNINGS.warn(type(self).__name__, "stands still", self._reason)
             return Command((0.0, 0.0))
         return command

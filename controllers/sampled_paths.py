@@ -18,6 +18,7 @@ from ..framework.tracking.history import named_apart, viewpoint
 from ..framework.tracking.stand_ins import checked_places
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
+from ..framework.values.failures import caught
 from ..framework.values.motion import Command, Observation, Pose, Twist, checked_numbers
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
@@ -237,7 +238,7 @@ class SampledController(Controller, ABC):
             checked_places(self._forecaster.placeless)
             command = within_reach(self.robot, self._decided(observation, goal, seen))
         except Exception as error:  # whatever a predictor throws
-            self._reason = f"{type(error).__name__}: {error}"
+            self._reason = caught(error)
             command = Command((0.0, 0.0))
         if self._reason:
             WARNINGS.warn(type(self).__name__, "stands still", self._reason)

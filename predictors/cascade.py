@@ -10,6 +10,7 @@ from ..framework.plugins.registry import name_of
 from ..framework.predictor import Fittable, Predictor
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
+from ..framework.values.failures import caught
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .bayesian_var import BayesianVectorAutoregression
@@ -108,7 +109,7 @@ class FallbackChain(Fittable):
             ill = _ill(stage, forecast, past, tracks.dt)
         except Exception as error:  # a plug-in may fail in any way; the next one serves
             forecast = Static().predict(tracks, steps)
-            ill = [f"{stage.name}: {type(error).__name__}: {error}"] * len(tracks)
+            ill = [f"{stage.name}: {caught(error)}"] * len(tracks)
         missing = [short or why for short, why in zip(reasons, ill, strict=True)]
         return with_fallback(forecast, missing, replace(self, stages=later), tracks, scene)
 

@@ -39,11 +39,14 @@ class TaskOutcome:
     rows : lines of the table; the same in every run with the same seed.
     times : lines of the table of measured times (s), which differ from run to run.
     files : name -> content, as reproducible as the rows; names are unique in the experiment.
+    failures : kind -> words of what plug-ins raised while the robots drove on; workers fill it
+        in, and it is said, not kept.
     """
 
     rows: list[Row] = field(default_factory=list)
     times: list[Row] = field(default_factory=list)
     files: dict[str, bytes] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
 
 
 class Experiment(ABC):

@@ -3,15 +3,13 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from ...framework.values.errors import WideberthError, place_of
+from ...framework.values.errors import WideberthError
+from ...framework.values.failures import in_words
 
 
 def describe_error(error: BaseException) -> str:
     """Return an exception's message; unless it is our own, with its type and where it arose."""
-    if isinstance(error, WideberthError):
-        return str(error)
-    text = f": {error}" if str(error) else ""
-    return f"{type(error).__name__}{text}{place_of(error)}"
+    return str(error) if isinstance(error, WideberthError) else in_words(error)
 
 
 @contextmanager

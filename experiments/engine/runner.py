@@ -18,6 +18,7 @@ from ...framework.plugins.config import build, describe, import_plugins
 from ...framework.plugins.io import expanded, read_json, write_bytes, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, short
+from ...framework.values.failures import Take, reporting
 from .base import Experiment, Result, Row, Task, TaskOutcome
 from .csv_tables import read_rows, table_text, write_table
 from .errors import as_user_error, describe_error
@@ -196,9 +197,12 @@ def _measure(work: _Work, out: Path, pool: Pool | None, extended: bool) -> None:
         write_task(out / TASKS, key, missing[key], outcome)
         done += 1
         advance()
+        for kind, words in outcome.failures.items():
+            failed(kind, words)
 
+    failed = _warning_once()
     try:
-        with progress(total, done) as advance:
+        with progress(total, done) as advance, reporting(failed):
             if pool is not None:
                 sweep(pool, missing, keep)
             else:
@@ -211,6 +215,18 @@ def _measure(work: _Work, out: Path, pool: Pool | None, extended: bool) -> None:
         ) from None
     except WideberthError as error:
         raise _kept(error, done, work, out) from error
+
+
+def _warning_once() -> Take:
+    """Return what says that a plug-in failed while its robot drives on, each kind once."""
+    said = set[str]()
+
+    def failed(kind: str, words: str) -> None:
+        if kind not in said:
+            said.add(kind)
+            say(f"warning: a plug-in raised {words}; `wideberth check` tries it on its own")
+
+    return failed
 
 
 def _missing(work: _Work, out: Path) -> dict[str, Task]:

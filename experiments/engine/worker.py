@@ -14,7 +14,7 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from ...framework.control.rate_limited_warnings import quiet
 from ...framework.plugins.config import import_plugins
 from ...framework.plugins.extras import from_extra
 from ...framework.values.errors import WideberthError
+from ...framework.values.failures import reporting
 from . import thread_limits
 from .base import Experiment, Task, TaskOutcome
 from .errors import describe_error
@@ -133,7 +134,10 @@ def do_task(packed: bytes, task: Task) -> TaskOutcome:
         experiment = open_job(packed)
     except WideberthError as error:
         raise WideberthError(f"the worker {_place()} cannot take part: {error}") from None
-    return measured(experiment, task)
+    failures: dict[str, str] = {}
+    with reporting(failures.setdefault):
+        outcome = measured(experiment, task)
+    return replace(outcome, failures=failures)
 
 
 def _place() -> str:

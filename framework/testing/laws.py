@@ -18,7 +18,8 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, final
 
 from ..values.coverage import Coverage
-from ..values.errors import WideberthError, place_of
+from ..values.errors import WideberthError
+from ..values.failures import in_words
 
 if TYPE_CHECKING:
     import numpy as np
@@ -275,4 +276,4 @@ def _described(error: BaseException) -> str:
 
 
 def _raised(error: BaseException) -> str:
-    return f"raised {type(error).__name__}: {error}{place_of(error)}"
+    return f"raised {in_words(error)}"

@@ -12,6 +12,7 @@ import numpy as np
 from ..predictor import Adaptive, Predictor
 from ..values.arrays import Array, assembled
 from ..values.errors import WideberthError
+from ..values.failures import caught
 from ..values.forecast import Forecast, Scene, on_grid, resample
 from ..values.motion import Observation
 from ..values.number_limits import bounded
@@ -139,7 +140,7 @@ class Perception:
         try:
             return replace(self, predictor=self.predictor.update(tracks, scene))
         except Exception as error:
-            note = f"not adapted: {type(error).__name__}: {error}"
+            note = f"not adapted: {caught(error)}"
             return replace(self, notes=(*self.notes, note))
 
     def forecast(
@@ -189,7 +190,7 @@ class Perception:
         try:
             self.predictor.predict(track, steps, narrowed(scene, [row]))
         except Exception as error:
-            return f"{type(error).__name__}: {error}"
+            return caught(error)
         return None
 
     def _check(self, forecast: Forecast, tracks: Tracks, steps: int) -> None:

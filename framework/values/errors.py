@@ -1,9 +1,6 @@
 """The package's user-facing exception, and what its messages share."""
 
-import sysconfig
-import traceback
 from collections.abc import Iterable
-from pathlib import Path
 
 
 class WideberthError(ValueError):
@@ -28,23 +25,6 @@ def short(value: object, most: int = 200) -> str:
     except ValueError:  # an integer of thousands of digits
         return f"a {type(value).__name__} too large to write"
     return text if len(text) <= most else f"{text[:most]}..."
-
-
-def place_of(error: BaseException) -> str:
-    """Return " (FILE, line NUMBER)" of where an exception arose; empty for one of our own.
-
-    It is the last place outside of installed libraries, if there is one.
-    """
-    if isinstance(error, WideberthError):
-        return ""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if not _of_a_library(Path(frame.filename))]
-    return "".join(f" ({frame.filename}, line {frame.lineno})" for frame in (own or frames)[-1:])
-
-
-def _of_a_library(file: Path) -> bool:
-    """Return whether a file belongs to an installed library or to Python itself."""
-    return "site-packages" in file.parts or file.is_relative_to(sysconfig.get_path("stdlib"))
 
 
 def nearest(name: str, known: Iterable[str], likeness: float = 0.6) -> str:

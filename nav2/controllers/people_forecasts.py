@@ -11,6 +11,7 @@ from ...framework.plugins.yamlfile import shared_settings
 from ...framework.predictor import Predictor
 from ...framework.tracking.forecaster import DT, Forecaster
 from ...framework.values.arrays import Array, positive
+from ...framework.values.failures import caught
 from ...framework.values.motion import Observation
 from .local_controller import Answer, CompositeController, ExpectedPeople, LocalController, Tick
 from .mppi import MPPI
@@ -93,7 +94,7 @@ class PeopleForecasts(CompositeController):
         try:
             people = self.expected(tick.observation, tick)
         except Exception as error:  # whatever a plug-in throws
-            return Answer.refusal(f"no forecast: {type(error).__name__}: {error}")
+            return Answer.refusal(f"no forecast: {caught(error)}")
         return self.controller.velocity(replace(tick, people=people))
 
     def expected(self, observation: Observation, tick: Tick) -> ExpectedPeople | None:

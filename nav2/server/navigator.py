@@ -19,6 +19,7 @@ from ...framework.tracking.stand_ins import sound
 from ...framework.values.arrays import Array
 from ...framework.values.costmap import Costmap
 from ...framework.values.errors import WideberthError
+from ...framework.values.failures import caught
 from ...framework.values.footprint import Outline
 from ...framework.values.motion import Command, Observation, Twist, checked_numbers
 from ...framework.values.path import Path
@@ -213,7 +214,7 @@ class Nav2(Controller):
                 raise WideberthError(f"the command is {command}, which is not finite")
             command = within_reach(self.robot, command)
         except Exception as error:  # whatever a plug-in throws
-            self._reason = f"{type(error).__name__}: {error}"
+            self._reason = caught(error)
             WARNINGS.warn(type(self).__name__, "stands still", self._reason)
             command = Command((0.0, 0.0))
         self._last = np.array([*command.linear, command.omega])
@@ -280,7 +281,7 @@ class Nav2(Controller):
         try:
             return self.forecasts.shown(self._people, now)
         except Exception as error:  # whatever a plug-in throws
-            WARNINGS.warn(type(self).__name__, "forecast", f"{type(error).__name__}: {error}")
+            WARNINGS.warn(type(self).__name__, "forecast", caught(error))
             return None
 
     def _pose(self, observation: Observation) -> Array:

@@ -20,6 +20,7 @@ from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import FORGET, Perception, scene_of
 from ...values.arrays import Array, altered
+from ...values.failures import caught
 from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
@@ -409,7 +410,7 @@ def _braked(
     settings: PlannerSettings, state: PlannerState, observation: Observation, error: Exception
 ) -> tuple[PlannerState, Decision]:
     """Brake, since something raised; the next cycle begins without the last one's numbers."""
-    words = f"{type(error).__name__}: {error}"
+    words = caught(error)
     plan, command = emergency(settings.robot, observation, words, settings.horizon, settings.dt)
     state = replace(state, plan=plan, multipliers=None, smoother=None)
     return state, Decision(command, plan, (), None)

@@ -5,6 +5,7 @@ import numpy as np
 from ...control.command_limits import within_bounds, within_reach
 from ...robot import Robot
 from ...values.arrays import Array, checked
+from ...values.failures import caught
 from ...values.motion import Command, Observation
 from ...values.plan import Plan, Rung, Status
 from .rollout import brake
@@ -41,7 +42,7 @@ def emergency(
         plan = _unchecked(observation, reason, states, inputs, positions, dt)
         return plan, within_reach(robot, command_of_plan(robot, plan))
     except Exception as error:
-        reason = f"{reason}; braking: {type(error).__name__}: {error}"
+        reason = f"{reason}; braking: {caught(error)}"
         states = np.zeros((horizon + 1, len(robot.states)))
         inputs = np.zeros((horizon, len(robot.inputs)))
         positions = np.zeros((horizon + 1, robot.dimension))

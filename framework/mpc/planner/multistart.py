@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...values.arrays import FARTHEST, altered
+from ...values.failures import caught
 from ...values.plan import Status
 from ..ocp.transcription import Guess
 from ..solver import Solution, enters, pressed
@@ -109,7 +110,7 @@ class MultiStart:
         except (SolverTimeout, SolverRefused) as error:
             status, message = Status.DEADLINE, f"{self.watch.name} {error}"
         except Exception as error:  # a plug-in's solver may fail in any way; the ladder goes on
-            status, message = Status.FAILED, f"{type(error).__name__}: {error}"
+            status, message = Status.FAILED, caught(error)
         return MultiStartResult((), (first,), obstacle_in_way, obstacle_in_way, status, message)
 
     def _run(self, instance: Instance, first: Guess, before: bool) -> MultiStartResult:
