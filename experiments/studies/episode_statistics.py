@@ -8,6 +8,7 @@ import numpy as np
 from ...framework.values.arrays import Array
 from ...metrics.episode import tally
 from ...metrics.statistics import bootstrap_interval, clopper_pearson, known_mean, mcnemar
+from ..drawing.plotting import ENOUGH
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
 
@@ -109,15 +110,22 @@ def against(rows: Sequence[Row], others: Sequence[Row]) -> Row:
 
     ``only_this`` and ``only_baseline`` count the seeds at which one succeeded alone,
     ``p_success`` is McNemar's; ``time_difference_s`` is the mean of this one's time minus the
-    other's over the seeds at which both succeeded, with its bootstrap interval of 95 %.
+    other's over the seeds at which both succeeded, with its bootstrap interval of 95 %: NaN of
+    fewer than `ENOUGH` such seeds, as figures have none. A controller is not compared with itself:
+    there p value and difference are NaN.
     """
     this, other = paired(rows, others, "success"), paired(others, rows, "success")
     gap = paired(rows, others, "success_time") - paired(others, rows, "success_time")
+    if rows is others:
+        gap = np.full_like(gap, np.nan)
+    difference = with_interval("time_difference", gap)
+    if np.isfinite(gap).sum() < ENOUGH:
+        difference |= {"time_difference_low": np.nan, "time_difference_high": np.nan}
     return {
         "only_this": int(np.sum(this > other)),
         "only_baseline": int(np.sum(other > this)),
-        "p_success": mcnemar(this, other),
-        **{f"{name}_s": value for name, value in with_interval("time_difference", gap).items()},
+        "p_success": np.nan if rows is others else mcnemar(this, other),
+        **{f"{name}_s": value for name, value in difference.items()},
     }
 
 

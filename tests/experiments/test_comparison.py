@@ -135,15 +135,17 @@ def test_lines_are_paired_with_the_baseline(gate: Comparison, rows: list[Row]) -
     for line in (slow, fast):
         assert line["success"] == line["collision"] == 0.5
         assert line["success_low"] == pytest.approx(0.0676, abs=1e-4)
-        assert line["p_success"] == 1.0 and line["only_this"] == line["only_baseline"] == 0
-    assert slow["time_difference_s"] == 0.0 and fast["time_difference_s"] == -4.75
-    assert fast["time_difference_low_s"] == fast["time_difference_high_s"] == -4.75
+        assert line["only_this"] == line["only_baseline"] == 0
+        # Two seeds at which both arrive are too few for an interval, as in the figures.
+        assert np.isnan([line["time_difference_low_s"], line["time_difference_high_s"]]).all()
+    assert np.isnan([slow["time_difference_s"], slow["p_success"]]).all()  # the baseline itself
+    assert (fast["time_difference_s"], fast["p_success"]) == (-4.75, 1.0)
     assert slow["time_mean_s"] == 9.5 and slow["time_penalised_s"] == 0.5 * (9.5 + 30.0)
     assert slow["judged_late"] == 1.0 and fast["judged_late"] == 0.0
     assert slow["judged_word"] == "goals 4"
     other = replace(gate, baseline="fast", oracle="fast").summary(rows)
-    assert [line["time_difference_s"] for line in other] == [4.75, 0.0]
-    assert [line["price_of_uncertainty_s"] for line in other] == [4.75, 0.0]
+    for name in ("time_difference_s", "price_of_uncertainty_s"):
+        assert other[0][name] == 4.75 and np.isnan(other[1][name])
 
 
 def test_pairs_are_of_one_seed() -> None:
@@ -155,6 +157,20 @@ def test_pairs_are_of_one_seed() -> None:
     found = against(first, second)
     assert (found["only_this"], found["only_baseline"]) == (0, 1)
     assert found["time_difference_s"] == 2.0
+
+
+@pytest.mark.parametrize(("seeds", "known"), [(9, False), (10, True)])
+def test_the_table_has_an_interval_from_as_many_pairs_on_as_the_figure(
+    seeds: int, known: bool
+) -> None:
+    first, second = (
+        [{"seed": i, "success": True, "success_time": base + i % 2 * jump} for i in range(seeds)]
+        for base, jump in ((10.0, 1.0), (9.0, 0.0))
+    )
+    found = against(first, second)
+    ends = [found["time_difference_low_s"], found["time_difference_high_s"]]
+    assert found["time_difference_s"] == pytest.approx(1.0 + (seeds // 2) / seeds)
+    assert 1.0 < ends[0] < ends[1] < 2.0 if known else np.isnan(ends).all()
 
 
 def test_promises_are_held_against_what_happened(rows: list[Row]) -> None:

@@ -110,7 +110,8 @@ def test_settings_that_nothing_beats_are_marked(shipped: Tuning) -> None:
     lines = shipped.summary(table)
     assert [line["pareto"] for line in lines] == [True, True, False, False]
     assert [line["value"] for line in lines] == ["", "0.2", "0.05", "5"]
-    assert [line["time_difference_s"] for line in lines[:3]] == [0.0, 2.0, 1.0]
+    assert [line["time_difference_s"] for line in lines[1:3]] == [2.0, 1.0]
+    assert np.isnan([lines[0]["time_difference_s"], lines[0]["p_success"]]).all()  # the base
     assert lines[3]["only_baseline"] == 3
 
 
