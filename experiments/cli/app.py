@@ -492,7 +492,8 @@ def new(
 ) -> None:
     """Write a config of your own: a shipped one with its comments, to be changed."""
     from ...framework.plugins.io import write_text
-    from ..engine.shipped_configs import by_study, shipped, shipped_text
+    from ..engine.progress import working
+    from ..engine.shipped_configs import by_study, read_experiment, shipped, shipped_text
 
     if config not in shipped():
         lines = (f"{study}: {', '.join(names)}" for study, names in by_study().items())
@@ -504,6 +505,11 @@ def new(
     write_text(path, text)
     file = shlex.quote(str(path))
     typer.echo(f"written: {path}; `wideberth run {file} --quick` tries it, without --quick all")
+    try:
+        with working("reading the config"):
+            read_experiment(config, [])
+    except WideberthError as error:  # of an extra that is not installed
+        typer.echo(f"first: {error}")
 
 
 def _mean_config(word: str) -> None:

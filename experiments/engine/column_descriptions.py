@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ...framework.plugins.registry import names
 from ...framework.values.errors import WideberthError, nearest, short
+from .places import page_address
 
 PAGES = Path(__file__).resolve().parents[2] / "docs"
 """Folder of the pages."""
@@ -93,8 +94,8 @@ def column_meanings(column: str) -> list[str]:
     if not studies:
         near = nearest(column, defined_columns())
         raise WideberthError(
-            f"no page defines a column {short(column)}{near or ';'} docs/results.md and "
-            "docs/metrics.md define them"
+            f"no page defines a column {short(column)}{near or ';'} {page_address('results')} and "
+            f"{page_address('metrics')} define them"
         )
     return [
         " ".join([column, *([f"({', '.join(sorted(of))})"] if of else [])])

@@ -9,9 +9,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ...framework.plugins.registry import load, unknown
+from ...framework.plugins.registry import load
 from ...framework.plugins.yamlfile import read_config
-from ...framework.values.errors import WideberthError
+from ...framework.values.errors import WideberthError, nearest, short
 from .column_descriptions import shares
 from .csv_tables import Row, read_table
 from .text_tables import (
@@ -142,7 +142,11 @@ def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
         known += columns_of(rows)
     for column in wanted:
         if column not in known:
-            raise WideberthError(unknown("column", column, set(known)))
+            near = nearest(column, known) or ";"
+            raise WideberthError(
+                f"unknown column {short(column)}{near} `wideberth show {folder} --columns all` "
+                "prints all of the summary"
+            )
     raise WideberthError(f"no table of {folder} has all of {', '.join(wanted)}; name fewer")
 
 

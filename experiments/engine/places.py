@@ -1,5 +1,6 @@
-"""Where results are kept that no other folder is stated for."""
+"""Where results are kept that no other folder is stated for, and where pages are read."""
 
+from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 
 RESULTS = Path("results")
@@ -15,3 +16,21 @@ def result_place(name: str, quick: bool = False) -> Path:
     'results/crossing-quick'
     """
     return RESULTS / f"{name}{'-quick' if quick else ''}"
+
+
+def page_address(name: str) -> str:
+    """Return where a page of docs/ is read: its address on the site, by the package's metadata.
+
+    Examples
+    --------
+    >>> page_address("results")
+    'https://wideberth.readthedocs.io/en/latest/results.html'
+    """
+    try:
+        urls = metadata("wideberth").get_all("Project-URL") or []
+    except PackageNotFoundError:  # a checkout that is not installed
+        urls = []
+    named = dict(url.split(", ", 1) for url in urls)
+    if "Documentation" not in named:
+        return f"docs/{name}.md"
+    return f"{named['Documentation']}/en/latest/{name}.html"

@@ -110,7 +110,7 @@ def time_left(pauses: Sequence[float], tasks: int) -> str:
 
     The pauses between the ends of tasks count as independent draws. Their mean gives the time
     left; two standard deviations of the sum of those to come, the mean's own error included, give
-    the range.
+    the range. Less than a second is not worth a word.
 
     Parameters
     ----------
@@ -128,6 +128,8 @@ def time_left(pauses: Sequence[float], tasks: int) -> str:
         return ""
     count = len(pauses)
     mean = sum(pauses) / count
+    if mean * tasks < 1.0:
+        return ""
     about = f"about {span(mean * tasks)} left"
     if count < 3:
         return about

@@ -230,6 +230,11 @@ def _holds_episode(path: Path) -> bool:
 _STATISTICS = ("median", "p95", "p99", "max")
 
 
+def _driver(names: Sequence[str]) -> list[str]:
+    """Return the column that says what drove, of rows that have but one kind; else the first."""
+    return [name for name in names if name in ("planner", "controller")] or list(names[:1])
+
+
 def condense_times(times: Sequence[Row]) -> list[Row]:
     """Return one line per kind of task: how long a call of the controller took, ms.
 
@@ -241,7 +246,7 @@ def condense_times(times: Sequence[Row]) -> list[Row]:
     skipped = {"agent", "seed", *_STATISTICS}
     groups: dict[tuple[object, ...], list[Row]] = {}
     names = [name for name in (known[0] if known else {}) if name not in skipped]
-    names = [name for name in names if len({row[name] for row in known}) > 1] or names[:1]
+    names = [name for name in names if len({row[name] for row in known}) > 1] or _driver(names)
     for row in known:
         groups.setdefault(tuple(row[name] for name in names), []).append(row)
     lines = []

@@ -142,7 +142,9 @@ def print_table(rows: Sequence[Row], shares: Collection[str] = ()) -> None:
 
 
 def _printed(value: Any, share: bool) -> str:
-    """Return a cell as text, of a share with its unit."""
+    """Return a cell as text, of a share with its unit; a dash where there is nothing."""
+    if value in (None, ""):
+        return UNKNOWN
     found = per_cent(value) if share else value
     return format_cell(found) + (" %" if found is not value and found == found else "")
 

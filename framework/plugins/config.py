@@ -157,7 +157,7 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
         if key not in fields:
             none = f"unknown key {short(key)}: {found.__qualname__} takes no keys"
             words = unknown("key", key, fields) if fields else none
-            raise WideberthError(f"{_at(_join(path, str(key)))}{words}")
+            raise WideberthError(f"{_at(path)}{words}")
     try:
         hints = get_type_hints(found, include_extras=True)
     except (NameError, TypeError, AttributeError) as error:

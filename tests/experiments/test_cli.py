@@ -1,6 +1,7 @@
 """The shell's view: what is printed, where it goes, and how it ends."""
 
 import os
+import re
 import subprocess
 import sys
 import warnings
@@ -343,6 +344,14 @@ def test_a_new_config_is_a_shipped_one_with_its_comments(shell) -> None:  # type
     assert not Path("other.yaml").exists()
     assert shell("run", "my_study.yaml", "--quick", "--no-figures")[0] == 0
     assert Path("results/my_study-quick/table.csv").is_file()
+
+
+def test_a_new_config_says_which_extra_it_needs(shell, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
+    assert len(shell("new", "mine", "--from", "crossing")[1].splitlines()) == 1
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    code, out, _ = shell("new", "other", "--from", "nav2_rivals")
+    assert code == 0 and Path("other.yaml").is_file()
+    assert re.search(r"^first: .*pip install 'wideberth\[\w+\]'", out.splitlines()[-1]), out
 
 
 def test_configs_are_listed_by_their_studies(shell) -> None:  # type: ignore[no-untyped-def]

@@ -204,5 +204,7 @@ def test_times_are_condensed_over_robots_and_seeds() -> None:
         "max ms": pytest.approx(30.0),
     }
     assert second["planner"] == "b"
+    (alone,) = condense_times(times[:1])  # one planner: the line has its name
+    assert next(iter(alone)) == "planner" and alone["planner"] == "a"
     assert condense_times([]) == []
     assert condense_times([{"seconds": 1.0}]) == []

@@ -128,4 +128,7 @@ def test_bad_choices(
     folder: Path, options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert shown(folder, *options) == "2"
-    assert message in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert message in refused
+    assert ("--columns all` prints all" in refused) == ("unknown column" in refused)
+    assert "Known:" not in refused  # a hundred names would hide the near one

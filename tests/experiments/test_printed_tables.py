@@ -96,7 +96,9 @@ def test_what_a_column_means_is_one_command_away(capsys: pytest.CaptureFixture[s
     assert "p_success (comparison" in printed("column", "p_success")
     assert "McNemar" in printed("column", "p_success")
     assert printed("column", "time_ratio").startswith("time_ratio")
-    assert "did you mean 'success'" in printed("column", "sucess")
+    refused = printed("column", "sucess")
+    assert "did you mean 'success'" in refused
+    assert "https://wideberth.readthedocs.io/en/latest/results.html" in " ".join(refused.split())
     assert "none was named" in printed("column")
     for name in condensed_rows()[0]:
         assert printed("column", name).startswith(name)
@@ -157,6 +159,13 @@ def test_shares_are_printed_in_per_cent_and_counts_as_counts(
     assert [[cell.strip() for cell in line] for line in cells] == [
         ["ours", "100 %", "1", "95.3 %", "1"], ["ours", "\u2013", "1", "100 %", "1"],
     ]  # fmt: skip
+
+
+def test_a_cell_that_holds_nothing_is_a_dash(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table([{"planner": "ours", "errors": "", "contact_kinds": None, "success": True}])
+    line = next(line for line in capsys.readouterr().out.splitlines() if "ours" in line)
+    cells = [cell.strip() for cell in line.split("│")[1:-1]]
+    assert cells == ["ours", "\u2013", "\u2013", "True"]
 
 
 def test_a_report_writes_them_so_too() -> None:

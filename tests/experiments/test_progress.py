@@ -28,6 +28,7 @@ def test_the_range_holds_what_then_comes() -> None:
 
 def test_hours_are_written_as_such() -> None:
     assert time_left([3000.0] * 3, 4) == "about 3 h 20 min left (3 h 20 min to 3 h 20 min)"
+    assert time_left([0.1], 9) == "" and time_left([0.1], 10) == "about 1 s left"
 
 
 def test_a_log_gets_a_line_soon_and_now_and_then(
@@ -39,7 +40,7 @@ def test_a_log_gets_a_line_soon_and_now_and_then(
         time.sleep(0.2)
         assert capsys.readouterr().err == "1 of 4 tasks\n"
         advance()
-        assert capsys.readouterr().err == "2 of 4 tasks, about 0 s left\n"
+        assert capsys.readouterr().err == "2 of 4 tasks\n"
     with working("drawing"):
         time.sleep(0.2)
     printed = capsys.readouterr()

@@ -168,7 +168,7 @@ def test_a_config_of_another_version_names_its_file_and_version(tmp_path: Path) 
     run(coins(), out)
     config = out / "config.yaml"
     config.write_text(config.read_text() + "former_key: 1\n")
-    with pytest.raises(WideberthError, match=r"a/config.yaml: former_key: unknown key [^;]*$"):
+    with pytest.raises(WideberthError, match=r"a/config.yaml: unknown key 'former_key'[^;]*$"):
         draw(out)
     provenance = json.loads((out / "provenance.json").read_text())
     provenance["versions"]["wideberth"] = "0.0.7"

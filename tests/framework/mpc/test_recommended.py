@@ -110,7 +110,7 @@ def test_a_step_in_milliseconds_is_doubted() -> None:
         ),
         ("robot: unicycle, dt: 0.0", "planner.dt is 0"),
         ("robot: unicycel", "planner.robot.type: unknown robot 'unicycel': did you mean"),
-        ("robot: unicycle, horzon: 3", "planner.horzon: unknown key 'horzon': did you mean"),
+        ("robot: unicycle, horzon: 3", "planner: unknown key 'horzon': did you mean"),
     ],
 )
 def test_what_does_not_fit_is_refused_where_it_stands(settings: str, message: str) -> None:
