@@ -50,7 +50,7 @@ def commands() -> list[tuple[str, str]]:
     found: dict[str, str] = {}
     for page in [*first, *(one for one in PAGES if one not in CLONE.union(first))]:
         if page in SETTINGS:
-            found.setdefault(f"wideberth run {SETTINGS[page]}", page)
+            found.setdefault(f"wideberth run {SETTINGS[page]} --fresh", page)
         for block in blocks(page, "sh", "bash"):
             for line in block.replace("\\\n", " ").splitlines():
                 command = " ".join(re.sub(r"\s#\s.*", "", line).split())
