@@ -89,7 +89,13 @@ class Predictor(ABC):
 
 
 class Fittable(Predictor):
-    """A predictor that learns from recorded tracks."""
+    """A predictor that learns from recorded tracks.
+
+    ``fit_needs`` names what `fit` needs beyond the core: a module, the extra that installs it, and
+    who needs it, in words. It is asked for before recordings are read.
+    """
+
+    fit_needs: ClassVar[tuple[str, str, str] | None] = None
 
     @abstractmethod
     def fit(self, dataset: Sequence[Tracks]) -> Self:

@@ -103,6 +103,10 @@ class MixtureDensity(Fittable):
     fitted: DensityNetwork | None = None
 
     reference: ClassVar[str] = "zhang2021motion"
+    fit_needs: ClassVar[tuple[str, str, str]] = (
+        *("jax", "learning"),
+        "to fit mixture_density needs JAX",
+    )
 
     def __post_init__(self) -> None:
         refuse_adaptive("mixture_density.fallback", self.fallback)
@@ -119,7 +123,7 @@ class MixtureDensity(Fittable):
         WideberthError : fewer than 100 windows of ``observed + predicted`` samples, other
             than two coordinates, or recordings of different dt.
         """
-        check_extra("jax", "learning", "to fit mixture_density needs JAX")
+        check_extra(*self.fit_needs)
         from .core.density_training import train
 
         windows = windows_of(

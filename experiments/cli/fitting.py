@@ -1,7 +1,7 @@
 """Inputs of `wideberth fit` and `wideberth check`, and the report of a fit."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from ...ros.bag_file import is_bag
 from ..engine.errors import describe_error
 from ..engine.provenance import plugin_modules
 from ..studies.crowd import TrackFile, seconds
+from ..studies.fitting import check_fit, inside
 from ..studies.prediction_data import pace
 
 FEWEST = 2
@@ -84,7 +85,8 @@ def read_predictor(text: str, overrides: Sequence[str]) -> Fittable:
 
     Raises
     ------
-    WideberthError : as `read_plugin`, and for a predictor that learns nothing from recordings.
+    WideberthError : as `read_plugin`, and for a predictor that learns nothing from recordings,
+        or whose `fit` needs a library that is not installed.
     """
     predictor: Predictor = read_plugin("predictors", text, overrides)
     if not isinstance(predictor, Fittable):
@@ -92,6 +94,7 @@ def read_predictor(text: str, overrides: Sequence[str]) -> Fittable:
             f"{text} learns nothing from recordings ({class_path(type(predictor))} has no fit); "
             f"those that do: {', '.join(_fittable())}"
         )
+    check_fit(predictor)
     return predictor
 
 
@@ -195,27 +198,12 @@ def _learns(before: Any, after: Any) -> bool:
         for field in fields(before)  # type: ignore[arg-type]
         if field.name != "fallback"
     ]
-    inner = [pair for old, new in pairs for pair in _inside(old, new)]
+    inner = [pair for old, new in pairs for pair in inside(old, new)]
     if not inner:
         return True
     return any(_learns(*pair) for pair in inner) or any(
-        old is not new for old, new in pairs if not list(_inside(old, new))
+        old is not new for old, new in pairs if not list(inside(old, new))
     )
-
-
-def _inside(before: Any, after: Any) -> Iterator[tuple[Predictor, Predictor]]:
-    """Pairs of the predictors that a setting holds before and after."""
-    if isinstance(before, Predictor):
-        yield before, after
-    elif isinstance(before, Mapping):
-        for key, entry in before.items():
-            yield from _inside(entry, after[key])
-    elif isinstance(before, list | tuple):
-        for old, new in zip(before, after, strict=True):
-            yield from _inside(old, new)
-    elif is_dataclass(before) and not isinstance(before, type) and after is not None:
-        for field in fields(before):
-            yield from _inside(getattr(before, field.name), getattr(after, field.name))
 
 
 def named(path: Path, predictor: Predictor) -> str:

@@ -11,7 +11,7 @@ from ...framework import Fittable, Predictor, WideberthError, build, names
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import usual_speed
 from ..engine.closed_loop import group
-from .fitting import AS_GIVEN, NOTHING, fitted
+from .fitting import AS_GIVEN, NOTHING, check_fit, fitted
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome
 from .prediction_data import PredictionData, SceneFiles, longest_stretch
 from .prediction_figures import prediction_pictures
@@ -150,10 +150,11 @@ class PredictionBenchmark(GridStudy):
 
         Raises
         ------
-        WideberthError : a file that cannot be used, or a scene without a single window.
+        WideberthError : a file that cannot be used, a scene without a single window, or a
+            predictor whose fit needs a library that is not installed.
         """
         for name in self.family():
-            self.member(name)
+            self._check_fit(name)
         scored, short = self.scored(), {}
         for name, scene in self.data.found(self.only).items():
             recordings = self.data.read(scene)
@@ -165,6 +166,12 @@ class PredictionBenchmark(GridStudy):
             raise WideberthError(self._no_window(scored, short))
         pairs = [(predictor, scene) for scene in scored for predictor in self.family()]
         return {("predictor", "scene"): pairs}
+
+    def _check_fit(self, name: str) -> None:
+        """Refuse a predictor that cannot be built, or lacks a library for its fit."""
+        predictor = self.member(name)
+        if self._learns(name, predictor):
+            check_fit(predictor, f"or score it unfitted: --set 'as_given=[{name}]'")
 
     def _no_window(self, scored: dict[str, SceneFiles], short: dict[str, int]) -> str:
         """Say which scenes are too short, by how much, and how to go on."""
@@ -207,12 +214,15 @@ class PredictionBenchmark(GridStudy):
         files = {f"{place}/{name}.json": json.dumps(kept).encode()}
         return TaskOutcome(rows, [{**head, "fit_s": seconds, **effort.row()}], files)
 
+    def _learns(self, name: str, predictor: Predictor) -> bool:
+        return isinstance(predictor, Fittable) and self.fit and name not in self.as_given
+
     def _fitted(self, name: str, scene: str) -> tuple[Predictor, str]:
         """Return the predictor as it is scored, and what it was fitted to."""
         predictor = self.member(name)
         if not isinstance(predictor, Fittable):
             return predictor, NOTHING
-        if not self.fit or name in self.as_given:
+        if not self._learns(name, predictor):
             return predictor, AS_GIVEN
         missing = ", ".join(self.data.missing() or ())
         lacking = f" ({missing} not there)" if missing else ""

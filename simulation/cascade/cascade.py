@@ -10,6 +10,7 @@ from ...framework.tracker import Tracker
 from ...framework.values.arrays import checked_choice, positive
 from ...framework.values.errors import WideberthError
 from ..physics.body import LARGE, SkidSteerBody
+from ..physics.library import check_mujoco
 from ..physics.sensors import InertialUnit, Lidar, WheelEncoders
 from ..physics.slip import slip_of
 from .faults import Faults
@@ -60,7 +61,7 @@ class SensingPipeline:
     Raises
     ------
     WideberthError : a number out of range, wheels that slip on a body without wheels, a body
-        whose slip was never fitted.
+        whose slip was never fitted; MuJoCo is not installed.
     """
 
     body: str | SkidSteerBody = "large"
@@ -79,6 +80,7 @@ class SensingPipeline:
     faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
+        check_mujoco()
         if isinstance(self.body, str) and self.body not in BODIES:
             raise WideberthError(f"cascade.body: {unknown('body', self.body, BODIES)}")
         checked_choice("cascade.mechanics", self.mechanics, Mechanics)

@@ -5,7 +5,9 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-from ...framework.plugins.extras import from_extra
+from ...framework.plugins.extras import check_extra, from_extra
+
+_NEED = "the physics simulation needs MuJoCo"
 
 
 @cache
@@ -16,7 +18,12 @@ def mujoco() -> Any:
     ------
     WideberthError : it is not installed.
     """
-    return from_extra("mujoco", "physics", "the physics simulation needs MuJoCo")
+    return from_extra("mujoco", "physics", _NEED)
+
+
+def check_mujoco() -> None:
+    """Refuse what needs MuJoCo where it is not installed; for constructors."""
+    check_extra("mujoco", "physics", _NEED)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ LARGEST, MOST = 500e6, 25
 """Bytes and number of the distributions that the core's dependencies bring, all together."""
 COMPILED = ("wideberth.solvers.riccati._core",)
 """Written for Numba alone, and imported where that is at hand."""
-LINE = re.compile(r"pip install 'wideberth\[[\w-]+\]'")
+LINE = re.compile(r"pip install 'wideberth\[[\w,-]+\]'")
 
 
 def test_the_core_is_small() -> None:
@@ -83,13 +83,16 @@ BUILT = """
 import json
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import ROOMS, names
+from wideberth.framework.values.errors import WideberthError
 found = {}
 for room in ROOMS:
     for name in names(room):
         try:
             build(room, {"type": name, "robot": "unicycle"} if room == "controllers" else name)
         except Exception as error:
-            found[f"{room}.{name}"] = f"{type(error).__name__}: {error}"
+            own = isinstance(error, WideberthError)
+            kind = "WideberthError" if own else type(error).__name__
+            found[f"{room}.{name}"] = f"{kind}: {error}"
 print(json.dumps(found))
 """
 BEYOND = {
@@ -164,7 +167,7 @@ def test_the_start_page_names_the_extra_that_its_script_needs(
         (("run", "approximation_error", "--quick", "--workers", "2"), "studies"),
         (("report", "results/approximation_error-quick"), "studies"),
         (("run", "convex_certificates"), "certificates"),
-        (("run", "crowd_agility"), "fast"),
+        (("run", "crowd_agility"), "fast,maps,sim"),
         (("run", "blind_corner"), "maps"),
         (("check", "controller", "orca", "--set", "robot=unicycle"), "sim"),
         (("check", "predictor", "kalman", "--set", "backend=filterpy"), "oracles"),
@@ -173,6 +176,11 @@ def test_the_start_page_names_the_extra_that_its_script_needs(
         (("check", "route_planner", "navfn"), "fast"),
         (("check", "tracker", "nearest"), "maps"),
         (("check", "scenario", "cylinder_field"), "maps"),
+        (("check", "controller", "nav2", "--set", "robot=unicycle"), "fast,maps"),
+        (("run", "cascade_chicken_game"), "maps,physics"),
+        (("run", "warehouse"), "fast,maps,physics"),
+        (("run", "prediction_benchmark", "--set", "chosen=[mixture_density]"), "learning"),
+        (("fit", "mixture_density", "none.txt", "--dt", "0.4", "--out", "a.json"), "learning"),
     ],
 )
 def test_what_needs_more_ends_in_one_line(

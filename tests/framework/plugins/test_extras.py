@@ -1,13 +1,14 @@
 """Where a library of an extra is missing, the error says what installs it."""
 
 import ast
+import pickle
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from wideberth import WideberthError
-from wideberth.framework.plugins.extras import from_extra
+from wideberth.framework.plugins.extras import check_extra, from_extra, gathered
 
 ROOT = Path(__file__).resolve().parents[3]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
@@ -26,6 +27,38 @@ def test_an_error_says_who_needs_it_and_what_else_can_be_done() -> None:
         "the crowd needs it, which cannot be imported (No module named 'no_such_library'): "
         "pip install 'wideberth[sim]'; or leave it out"
     )
+
+
+def test_several_lacks_are_named_together_each_library_once() -> None:
+    def lacking() -> None:
+        check_extra("no_routes", "fast", "routes need it")
+        check_extra("no_maps.shapes", "maps", "shapes need it", "or leave them out")
+        check_extra("no_maps", "studies", "tables need it")
+        check_extra("json", "sim", "texts need it")
+
+    both = (
+        "routes need it, which cannot be imported (No module named 'no_routes'); shapes need it, "
+        "which cannot be imported (No module named 'no_maps'): "
+        "pip install 'wideberth[fast,maps]'; or leave them out"
+    )
+    with pytest.raises(WideberthError) as alone, gathered(), gathered():
+        lacking()
+    assert str(alone.value) == both == str(pickle.loads(pickle.dumps(alone.value)))
+    with pytest.raises(WideberthError) as followed, gathered():
+        lacking()
+        raise WideberthError("made of what is missing")
+    assert str(followed.value) == both
+    with pytest.raises(WideberthError) as imported, gathered():
+        check_extra("no_routes", "fast", "routes need it")
+        try:
+            from_extra("no_crowd", "sim", "the crowd needs it")
+        except WideberthError as error:
+            raise WideberthError(f"people: {error}") from error
+    assert str(imported.value).endswith("pip install 'wideberth[fast,sim]'")
+    with pytest.raises(WideberthError, match=r"^a typo$"), gathered():
+        raise WideberthError("a typo")
+    with pytest.raises(WideberthError, match=r"wideberth\[fast\]"):
+        lacking()
 
 
 def named_extras() -> set[tuple[str, str]]:
