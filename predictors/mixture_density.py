@@ -38,6 +38,7 @@ STANDING_SPEED = 0.05
 SPREAD = (0.0, 0.1, 0.02)
 """Unfitted spread of each mode: diffusion of the position (m^2/s), deviation of the velocity
 (m/s per axis), density of white acceleration (m^2/s^3)."""
+_NEEDS = ("jax", "learning", "to fit mixture_density needs JAX")
 
 
 @final
@@ -103,10 +104,7 @@ class MixtureDensity(Fittable):
     fitted: DensityNetwork | None = None
 
     reference: ClassVar[str] = "zhang2021motion"
-    fit_needs: ClassVar[tuple[str, str, str]] = (
-        *("jax", "learning"),
-        "to fit mixture_density needs JAX",
-    )
+    fit_needs: ClassVar[tuple[str, str, str] | None] = _NEEDS
 
     def __post_init__(self) -> None:
         refuse_adaptive("mixture_density.fallback", self.fallback)
@@ -123,7 +121,7 @@ class MixtureDensity(Fittable):
         WideberthError : fewer than 100 windows of ``observed + predicted`` samples, other
             than two coordinates, or recordings of different dt.
         """
-        check_extra(*self.fit_needs)
+        check_extra(*_NEEDS)
         from .core.density_training import train
 
         windows = windows_of(
