@@ -179,7 +179,7 @@ def test_a_stage_that_raises_is_passed_over() -> None:
         tracks_of([walk(5), walk(2)]), STEPS
     )
     reasons = [str(reason) for reason in got.fallback]
-    assert reasons[0].endswith("Broken: ValueError: always")
+    assert f"Broken: ValueError: always ({__file__}, line " in reasons[0]
     assert reasons[1].endswith("Broken: 2 samples, needs 3")
     assert np.array_equal(got.mean, Kalman().predict(tracks_of([walk(5), walk(2)]), STEPS).mean)
 
