@@ -68,7 +68,8 @@ class MissingLibraryError(WideberthError):
         first: dict[str, Lack] = {}
         for lack in lacks:
             first.setdefault(lack.reason, lack)
-        self.lacks, self.otherwise = tuple(first.values()), tuple(dict.fromkeys(otherwise))
+        self.lacks: tuple[Lack, ...] = tuple(first.values())
+        self.otherwise: tuple[str, ...] = tuple(dict.fromkeys(otherwise))
         named = "; ".join(
             f"{lack.need}, which cannot be imported ({lack.reason})" for lack in self.lacks
         )
