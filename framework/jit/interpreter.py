@@ -120,7 +120,7 @@ _WORK = "ptr %program, i64 %first, i64 %step, i64 %times, ptr noalias %work, "
 def _entry() -> Iterator[str]:
     """`RUN`: columns one after the other from the last one, or eight at once and then the rest."""
     given = SIGNATURE.replace("ptr %self", "ptr %program")
-    passed = ", ".join(SIGNATURE.replace("ptr %self, ", "").split(", "))
+    passed = SIGNATURE.replace("ptr %self, ", "")
     yield f"define void @{RUN}({given}) {{"
     yield from _head_words()
     yield f"""%size = mul i64 %registers, {_LANES}
