@@ -7,7 +7,6 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..framework.plugins.extras import from_extra
 from ..framework.values.arrays import Array, checked, positive
 from ..framework.values.errors import WideberthError
 from ..framework.values.sensing import TrackedObstacle
@@ -96,8 +95,9 @@ def _places(name: str, values: ArrayLike, size: int | None) -> Array:
 
 def _assigned(distance: Array, cut: float, order: float) -> tuple[IntArray, IntArray]:
     """Rows and columns of the cheapest pairs that are closer than the cut."""
-    optimize = from_extra("scipy.optimize", "maps", "GOSPA needs SciPy")
-    rows, columns = optimize.linear_sum_assignment(np.minimum(distance, cut) ** order)
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = linear_sum_assignment(np.minimum(distance, cut) ** order)
     near = distance[rows, columns] < cut
     return rows[near].astype(np.int64), columns[near].astype(np.int64)
 

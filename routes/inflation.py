@@ -7,7 +7,6 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..framework.plugins.extras import check_extra
 from ..framework.values.arrays import positive, settle
 from ..framework.values.costmap import (
     FREE_SPACE,
@@ -74,7 +73,6 @@ class Inflation:
     inflate_around_unknown: bool = False
 
     def __post_init__(self) -> None:
-        check_extra("scipy", "maps", "inflation needs SciPy")
         for name in ("inscribed_radius", "inflation_radius", "cost_scaling_factor"):
             value = positive(f"inflation.{name}", getattr(self, name), zero=True)
             settle(self, **{name: value})

@@ -6,7 +6,6 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..framework.plugins.extras import check_extra
 from ..framework.route_planner import Route, RoutePlanner
 from ..framework.values.arrays import Array, BoolArray, positive
 from ..framework.values.costmap import Costmap
@@ -47,7 +46,6 @@ class SmoothedRoutes(RoutePlanner):
     reference: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
-        check_extra("scipy", "maps", "smoothed needs SciPy")
         object.__setattr__(self, "length", positive("smoothed.length", self.length))
 
     def plan(self, costmap: Costmap, start: ArrayLike, goal: ArrayLike) -> Route:

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..plugins.extras import from_extra
 from ..route_planner import Route, RoutePlanner
 from ..values.arrays import Array, BoolArray
 from ..values.costmap import INSCRIBED, LETHAL, MAX_NON_OBSTACLE, Costmap
@@ -105,8 +104,9 @@ def _costmap(occupied: BoolArray) -> Costmap:
     """Return the inflated costs of a map with walls all around."""
     costs = np.where(occupied, LETHAL, 0)
     costs[[0, -1]] = costs[:, [0, -1]] = LETHAL
-    ndimage = from_extra("scipy.ndimage", "maps", "the check of a route planner needs SciPy")
-    away = _CELL * ndimage.distance_transform_edt(costs != LETHAL)
+    from scipy.ndimage import distance_transform_edt
+
+    away = _CELL * distance_transform_edt(costs != LETHAL)
     falling = MAX_NON_OBSTACLE * np.exp(-10.0 * np.maximum(away - _RADIUS, 0.0))
     near = np.where(away <= _RADIUS, INSCRIBED, falling.astype(int))
     costs = np.where(costs == LETHAL, LETHAL, np.where(away <= _REACH, near, 0))

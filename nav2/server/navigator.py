@@ -12,7 +12,6 @@ from ...framework.control.command_limits import attained, within_reach
 from ...framework.control.rate_limited_warnings import WARNINGS
 from ...framework.controller import Controller, checked_path, checked_ready, checked_use
 from ...framework.jit.cached_njit import check_numba
-from ...framework.plugins.extras import check_extra, gathered
 from ...framework.robot import Robot
 from ...framework.route_planner import RoutePlanner
 from ...framework.tracking.stand_ins import sound
@@ -119,9 +118,7 @@ class Nav2(Controller):
     forecasts: ForecastLayer | None = None
 
     def __post_init__(self) -> None:
-        with gathered():
-            check_numba("nav2")
-            check_extra("scipy", "maps", "nav2 needs SciPy")  # to inflate its costmaps
+        check_numba("nav2")
         kind = type(self.robot).__name__
         rest = np.zeros(len(self.robot.states))
         if self.robot.dimension != 2 or self.robot.pose(tuple(rest)).heading is None:

@@ -5,7 +5,6 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...framework.plugins.extras import check_extra
 from ...framework.tracker import Tracker
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.sensing import Sightings, TrackedObstacle
@@ -71,7 +70,6 @@ class KfHungarian(Tracker):
     _born: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_extra("scipy", "maps", "kf_hungarian needs SciPy")
         for name in ("acceleration", "noise", "speed", "gate", "fastest"):
             positive(f"kf_hungarian.{name}", getattr(self, name))
         positive("kf_hungarian.slowest", self.slowest, zero=True)

@@ -5,7 +5,6 @@ from typing import ClassVar, NamedTuple, final
 
 import numpy as np
 
-from ...framework.plugins.extras import check_extra
 from ...framework.tracker import Tracker
 from ...framework.values.arrays import Array, BoolArray, positive, whole
 from ...framework.values.sensing import Sightings, TrackedObstacle
@@ -118,7 +117,6 @@ class Nearest(Tracker):
     _lasting: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_extra("scipy", "maps", "nearest needs SciPy")
         positive("nearest.acceleration_density", self.acceleration_density)
         whole("nearest.window", self.window, least=NEEDED)
         self.reset()

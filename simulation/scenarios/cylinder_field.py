@@ -5,7 +5,6 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...framework.plugins.extras import check_extra
 from ...framework.route_planner import RoutePlanner
 from ...framework.values.arrays import BoolArray, positive
 from ...framework.values.errors import WideberthError
@@ -71,7 +70,6 @@ class CylinderField(Scenario):
     reference_speed: float = 0.5
 
     def __post_init__(self) -> None:
-        check_extra("scipy", "maps", "cylinder_field needs SciPy")
         for name in ("robot_radius", "reference_speed"):
             positive(f"cylinder_field.{name}", getattr(self, name))
 
