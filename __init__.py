@@ -10,12 +10,11 @@ __version__ = "1.0.0rc1"
 _NAMES = {
     "wideberth.framework": """
         Adaptive Command Controller Costmap Detection Discs Fittable Forecast GaussianObstacle
-        Observation OccupancyGrid Outline Path Plan Polygon Pose Predictor Region Robot
+        Identities Observation OccupancyGrid Outline Path Plan Polygon Pose Predictor Region Robot
         Route RoutePlanner Scene StaticRegion Tracks Twist WideberthError Windows build
         cut_windows load load_plugin names recommended register resampled_tracks save_plugin
         walls_around walls_of_segments walls_of_shapes
     """,
-    "wideberth.perception.identities": "Identities",
     "wideberth.routes.inflation": "Inflation",
     "wideberth.routes.polygons": "convex_polygons grid_of_polygons",
     "wideberth.routes.rerouting": "Rerouting",

@@ -17,6 +17,7 @@ from .framework import Discs as Discs
 from .framework import Fittable as Fittable
 from .framework import Forecast as Forecast
 from .framework import GaussianObstacle as GaussianObstacle
+from .framework import Identities as Identities
 from .framework import Observation as Observation
 from .framework import OccupancyGrid as OccupancyGrid
 from .framework import Outline as Outline
@@ -48,7 +49,6 @@ from . import metrics as metrics
 from . import nav2 as nav2
 from . import people as people
 from . import perception as perception
-from .perception.identities import Identities as Identities
 from . import predictors as predictors
 from . import regions as regions
 from . import robots as robots

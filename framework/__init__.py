@@ -36,6 +36,7 @@ _NAMES = {
     """,
     "tracker": "Tracker",
     "tracking.forecast_sets": "read_forecasts write_forecasts",
+    "tracking.identities": "Identities",
     "tracking.jrdb": "read_jrdb",
     "tracking.recordings": "read_tracks",
     "tracking.resampling": "resampled_tracks",

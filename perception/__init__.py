@@ -5,7 +5,6 @@ from ..framework.plugins.lazy import lazy, targets_in
 _NAMES = {
     "detection.groups": "by_gap",
     "detection.hits": "hits_of",
-    "identities": "Identities",
     "observed_state": "own_state",
 }
 """Module -> its public names, which are imported on first use."""

@@ -4,6 +4,5 @@
 
 from .detection.groups import by_gap as by_gap
 from .detection.hits import hits_of as hits_of
-from .identities import Identities as Identities
 from .observed_state import own_state as own_state
-__all__ = ['Identities', 'by_gap', 'hits_of', 'own_state']
+__all__ = ['by_gap', 'hits_of', 'own_state']

@@ -10,7 +10,7 @@ from wideberth import Observation, WideberthError, recommended
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.path import Path
 from wideberth.people.models import CircularForce, Company, PersonModel, Reciprocal, Walkers
-from wideberth.perception.identities import DENSITY, MEMORY, Identities, _People
+from wideberth.framework.tracking.identities import DENSITY, MEMORY, Identities, _People
 from wideberth.perception.tracking.motion import carried, corrected
 
 EXACT = 0.01

@@ -6,8 +6,7 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..framework.plugins.extras import check_extra
-from ..framework.values.arrays import (
+from ..values.arrays import (
     FARTHEST,
     LATEST,
     Array,
@@ -16,8 +15,8 @@ from ..framework.values.arrays import (
     number,
     positive,
 )
-from ..framework.values.errors import WideberthError
-from ..framework.values.motion import Detection
+from ..values.errors import WideberthError
+from ..values.motion import Detection
 
 Numbers = NDArray[np.int64]
 
@@ -145,7 +144,6 @@ class Identities:
     _born: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_extra("scipy", "maps", "identities needs SciPy")
         positive("identities.deviation", self.deviation)
         self.reset()
 
