@@ -134,7 +134,7 @@ class PolicyObserver:
         self._sights = self._sights.add(observation.stamp, sighting.detections)
         if self._perception is not None:
             self._perception = self._perception.take(observation, here).drained()[0]
-        return sighting.notes
+        return [*sighting.notes, *self._sights.notes]
 
     def commanded(self, command: Command) -> None:
         """Take note of the command that the robot was given."""

@@ -11,7 +11,8 @@ from ..framework.control.command_limits import within_reach
 from ..framework.control.rate_limited_warnings import WARNINGS
 from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
-from ..framework.tracking.history import MOST, admitted, named_apart, viewpoint
+from ..framework.tracking.history import MOST, admitted, viewpoint
+from ..framework.tracking.names import FASTEST, Names
 from ..framework.tracking.stand_ins import LastGood, checked_places
 from ..framework.values.arrays import Array, positive
 from ..framework.values.errors import WideberthError
@@ -46,23 +47,26 @@ class Neighbours:
     Parameters
     ----------
     forget : s after which an obstacle that is no longer reported is dropped.
+    fastest : m/s, speed that no obstacle exceeds, see `Names`.
     """
 
-    def __init__(self, forget: float = FORGET) -> None:
-        self._forget = forget
+    def __init__(self, forget: float = FORGET, fastest: float = FASTEST) -> None:
+        self._forget, self._fastest = forget, fastest
         self.reset()
 
     def reset(self) -> None:
         """Drop all neighbours."""
         self._stamp = -np.inf
         self._sights: dict[str, _Sight] = {}
+        self._names = Names(self._fastest, self._forget)
         self.placeless: tuple[str, ...] = ()
 
     def take(self, observation: Observation, here: Array | None = None) -> list[str]:
         """Record the detections seen from ``here``, (2,), m; return a reason per refused one.
 
-        A measurement less than a microsecond newer than the last one of that identity changes
-        nothing but the radius. A clock that goes back starts anew. See `admitted`.
+        A measurement less than a microsecond newer than the last one of that obstacle takes its
+        place and leaves the velocity; an older one changes nothing but the radius. A clock that
+        goes back starts anew. See `admitted`.
         """
         if not np.isfinite(observation.stamp):
             return []
@@ -71,7 +75,9 @@ class Neighbours:
         self._stamp = observation.stamp
         sighting = admitted(observation, 2, self._forget, here, self._remembered)
         self.placeless = sighting.placeless
-        for name, detection in named_apart(sighting.detections):
+        seen, stamp = sighting.detections, self._stamp
+        self._names, named, notes = self._names.assigned(stamp, seen, self._sights)
+        for name, detection in named:
             self._sights[name] = self._updated(self._sights.get(name), detection)
         self._sights = {
             name: sight
@@ -81,7 +87,7 @@ class Neighbours:
         if len(self._sights) > MOST:
             newest = sorted(self._sights, key=lambda name: self._sights[name].reported)[-MOST:]
             self._sights = {name: self._sights[name] for name in self._sights if name in newest}
-        return sighting.notes
+        return [*sighting.notes, *notes]
 
     def now(self) -> tuple[tuple[str, ...], Array, Array, Array]:
         """Return positions, velocities and radii of all neighbours at the newest stamp.
@@ -115,6 +121,8 @@ class Neighbours:
         elif measured - before.measured >= SHORTEST:
             moved = detection.position - before.position
             known = measured, detection.position, moved / (measured - before.measured)
+        elif measured >= before.measured:
+            known = measured, detection.position, before.velocity
         else:
             known = before.measured, before.position, before.velocity
         return _Sight(*known, detection.radius, self._stamp)
@@ -143,6 +151,8 @@ class Reactive(Controller):
     reference_speed : m/s along the path.
     look_ahead : m along the path to the point that is headed for; infinite (``.inf``) for the
         goal itself, straight there.
+    obstacle_speed : m/s that no obstacle exceeds; one that is reported farther away than it can
+        have moved counts as another one, and the one known before stays remembered.
 
     Raises
     ------
@@ -156,6 +166,7 @@ class Reactive(Controller):
     period: float = 0.1
     reference_speed: float = 0.5
     look_ahead: float = 2.0
+    obstacle_speed: float = FASTEST
 
     def __post_init__(self) -> None:
         name = type(self).__name__
@@ -170,7 +181,7 @@ class Reactive(Controller):
             if isinstance(value, int | float) and not endless:
                 positive(f"{name}.{field.name}", value, zero=field.name in self.zero_allowed)
         self._guide = PathGuide()
-        self._neighbours = Neighbours()
+        self._neighbours = Neighbours(fastest=self.obstacle_speed)
         self.reset()
 
     def reset(self) -> None:

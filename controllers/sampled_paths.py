@@ -14,7 +14,7 @@ from ..framework.plugins.config import build
 from ..framework.predictor import Predictor
 from ..framework.robot import Robot
 from ..framework.tracking.forecaster import Forecaster
-from ..framework.tracking.history import named_apart, viewpoint
+from ..framework.tracking.history import viewpoint
 from ..framework.tracking.stand_ins import checked_places
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
@@ -293,7 +293,7 @@ class SampledController(Controller, ABC):
         """Forecast those who are seen now."""
         times = self.period * np.arange(1.0, self.steps + 1.0)
         found = self._forecaster.at(observation.stamp, times) if self._row >= 0 else None
-        names = {name for name, _ in named_apart(observation.detections)}
+        names = self._forecaster.seen
         if found is None or not names:
             empty = np.zeros((0, self.steps, 2))
             return SeenPeople(self._row, (), np.zeros(0), empty[:, 0], empty)

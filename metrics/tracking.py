@@ -1,7 +1,7 @@
 """How well a tracker follows: GOSPA, identity switches, latency and NEES."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias, final
 
 import numpy as np
@@ -187,7 +187,7 @@ def track_scores(
     positive("near", near)
     tally = _Tally()
     for time, truth, obstacles in run:
-        tracks = {one.ident: one for one in obstacles}
+        tracks = _apart(obstacles)
         places = np.reshape([state[:2] for state in truth.values()], (-1, 2))
         seen = np.reshape([one.state[:2] for one in tracks.values()], (-1, 2))
         tally.values.append(gospa(places, seen, cut=cut).value)
@@ -213,6 +213,18 @@ def track_scores(
         obstacles=len(tally.began),
         instants=len(tally.values),
     )
+
+
+def _apart(obstacles: Iterable[TrackedObstacle]) -> dict[str, TrackedObstacle]:
+    """Return the tracks by name; the second one of a name counts as another track."""
+    tracks: dict[str, TrackedObstacle] = {}
+    for obstacle in obstacles:
+        count, name = 1, obstacle.ident
+        while name in tracks:
+            count += 1
+            name = f"{obstacle.ident}#{count}"
+        tracks[name] = obstacle if count == 1 else replace(obstacle, ident=name)
+    return tracks
 
 
 def _continued(

@@ -54,6 +54,11 @@ class Forecaster:
         return notes
 
     @property
+    def seen(self) -> frozenset[str]:
+        """Names of those whom the last observation saw."""
+        return self._perception.history.reported(self._perception.stamp)
+
+    @property
     def placeless(self) -> tuple[str, ...]:
         """Names of those whom the last observation saw without a place."""
         return self._perception.placeless

@@ -11,8 +11,9 @@ from ..robot import Robot
 from ..values.arrays import FARTHEST, Array, all_finite, assembled
 from ..values.motion import Detection, Observation
 from ..values.tracks import Tracks
+from .names import FASTEST, Names
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
-from .resampling import ON_GRID, interpolated
+from .resampling import ON_GRID, PACE, beside_grid, interpolated
 from .stand_ins import OLDEST, LastGood, Sighting, is_sound, sound
 
 MOST = 200
@@ -47,6 +48,16 @@ class _Log(NamedTuple):
     looked: bool
     motion: tuple[Array, Array] | None = None
 
+    @property
+    def measured(self) -> float:
+        """Time of the newest measurement, s."""
+        return float(self.times[-1])
+
+    @property
+    def position(self) -> Array:
+        """Newest measured position, (D,), m."""
+        return np.asarray(self.positions[-1])
+
     @classmethod
     def begun(cls, size: int) -> "_Log":
         """Return one without measurements."""
@@ -63,9 +74,10 @@ class _Log(NamedTuple):
         """
         times, places, fresh, motion = self.times, self.positions, self.fresh, self.motion
         if clock is not None:
-            times, fresh, motion = clock.times, fresh + 1, None  # a motion is past
-            places = np.empty((len(times), len(detection.position)))
-            places[:-1], places[-1] = self.positions[clock.first : clock.end], detection.position
+            times, fresh = clock.times, fresh + 1
+            places = clock.inserted(self.positions, detection.position)
+            if clock.end == len(self.times):  # the newest one: a motion is past
+                motion = None
         velocity, joint = detection.velocity, detection.state_covariance
         moving = motion is not None or velocity is not None
         if moving and times[-1] == stamp - detection.age:  # not of an older one that came late
@@ -91,29 +103,59 @@ _NO_TIMES = np.empty(0)
 
 
 class _Clock(NamedTuple):
-    """Times of a log with one more, and which of its measurements are kept: first to end - 1."""
+    """Times of a log with one more.
+
+    Attributes
+    ----------
+    times : (T,), s.
+    first : index of the oldest measurement that is kept.
+    place, end : the new measurement takes the place of those from ``place`` to ``end`` - 1; where
+        both are equal, it is inserted.
+    """
 
     times: Array
     first: int
+    place: int
     end: int
 
     @classmethod
     def advanced(cls, times: Array, time: float, keep: float, apart: float) -> "_Clock | None":
         """Add a time, and leave out those over ``keep`` s before it.
 
-        One that comes less than ``apart`` s after the last but one takes the last one's place; of
-        one that does not come after the last there is None.
+        A time that is there already is replaced. One that comes less than ``apart`` s after the
+        last but one takes the last one's place. One that came late is inserted, unless it is too
+        old or less than ``apart`` s from another one: of that there is None.
         """
         count = first = len(times)
-        if count and not time > times[-1]:
-            return None
-        kept = count - int(count > 1 and time - times[-2] < apart)
+        if count and time < times[-1]:
+            return cls._late(times, time, keep, apart)
+        replaced = count and (time == times[-1] or (count > 1 and time - times[-2] < apart))
+        kept = count - int(replaced)
         oldest = time - keep
         if count:  # most who came in lately have no time to leave out
             first = 0 if times[0] >= oldest else min(int(times.searchsorted(oldest)), kept)
         later = np.empty(kept - first + 1)
         later[:-1], later[-1] = times[first:kept], time
-        return cls(later, first, kept)
+        return cls(later, first, kept, count)
+
+    @classmethod
+    def _late(cls, times: Array, time: float, keep: float, apart: float) -> "_Clock | None":
+        """Add a time before the last one."""
+        place = int(times.searchsorted(time))
+        if times[place] == time:
+            return cls(times.copy(), 0, place, place + 1)
+        gap = min(times[place] - time, time - times[place - 1] if place else np.inf)
+        if gap < apart or time < times[-1] - keep:
+            return None
+        return cls(np.insert(times, place, time), 0, place, place)
+
+    def inserted(self, positions: Array, position: Array) -> Array:
+        """Return the positions, (T, D), m, of a log with a new one at the new time."""
+        before = self.place - self.first
+        places = np.empty((len(self.times), len(position)))
+        places[:before], places[before] = positions[self.first : self.place], position
+        places[before + 1 :] = positions[self.end :]
+        return places
 
 
 class _Carried(NamedTuple):
@@ -143,16 +185,22 @@ class History:
     forget : s after which an obstacle that is no longer reported is dropped. A report of
         something measured longer ago than that is refused.
     gap : s; between two measurements further apart the samples count as unobserved.
+    fastest : m/s, speed that no obstacle exceeds, see `Names`.
     logs : measurements of each obstacle.
     evidence : of the noise of each sensor that does not state it.
+    names : of the obstacles.
+    notes : of the last `add`: which detections were taken as new obstacles, and why.
     """
 
     dt: float
     samples: int
     forget: float
     gap: float
+    fastest: float = FASTEST
     logs: Mapping[str, _Log] = field(default_factory=dict)
     evidence: Mapping[str, NoiseEvidence] = field(default_factory=dict)
+    names: Names | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def noise(self) -> dict[str, NoiseEstimate]:
@@ -172,19 +220,25 @@ class History:
 
     def emptied(self) -> "History":
         """Return one that knows nothing."""
-        return History(self.dt, self.samples, self.forget, self.gap)
+        return History(self.dt, self.samples, self.forget, self.gap, self.fastest)
+
+    def reported(self, stamp: float) -> frozenset[str]:
+        """Return the names of the obstacles that were reported at a time, s."""
+        return frozenset(name for name, log in self.logs.items() if log.reported == stamp)
 
     def add(self, stamp: float, detections: tuple[Detection, ...]) -> "History":
         """Return the history with the detections at ``stamp`` that `admitted` accepts.
 
-        Measurements out of order are left out. Of more than `MOST` obstacles those are kept that
-        were reported last. Obstacles that are always reported together share their times.
+        A measurement that came late is inserted at its time, and one of the same time as another
+        takes its place. Of more than `MOST` obstacles those are kept that were reported last.
+        Obstacles that are always reported together share their times.
         """
         logs, keep = dict(self.logs), self.samples * self.dt + self.gap
         clocks: dict[tuple[int, float], _Clock | None] = {}
-        for ident, detection in named_apart(detections):
-            if detection.age > self.forget:
-                continue
+        names = self.names or Names(self.fastest, self.forget)
+        recent = [detection for detection in detections if detection.age <= self.forget]
+        names, named, notes = names.assigned(stamp, recent, logs)
+        for ident, detection in named:
             log = logs.get(ident) or _Log.begun(len(detection.position))
             time, times = stamp - detection.age, log.times
             same = id(times), time
@@ -198,13 +252,16 @@ class History:
         for name in gone:
             del logs[name]
         learnt = _learnt(logs, self.evidence)
-        return History(self.dt, self.samples, self.forget, self.gap, logs, learnt)
+        settings = self.dt, self.samples, self.forget, self.gap, self.fastest
+        return History(*settings, logs, learnt, names, notes)
 
     def tracks(self) -> Tracks | None:
         """Return tracks that end at the newest measurement; None without any.
 
         Positions between two measurements are interpolated linearly; an obstacle measured
-        before the newest instant has NaN at the end. One whose tracker states a velocity is
+        before the newest instant has NaN at the end. A measurement with no other one on the far
+        side of its nearest instant is carried there, see `beside_grid`; where it shows no motion,
+        the noise grows by (`PACE` lag)^2. One whose tracker states a velocity is
         carried to the newest instant where that is at most one sample later: obstacles that
         one tick reports with different ages are then forecast alike. The tracks have velocity
         and state covariance where all obstacles state them.
@@ -217,11 +274,14 @@ class History:
         newest = max(float(own[-1]) for own in {id(own): own for own in times}.values())
         grid = newest - self.dt * np.arange(self.samples - 1.0, -1.0, -1.0, dtype=np.float64)
         positions = interpolated(times, places, grid, self.gap, ON_GRID * self.dt)
+        apart = beside_grid(positions, times, places, grid, self.dt, self.gap)
         stated = [
             self._estimated(log) if log.covariance is None else log.covariance for log in logs
         ]
         noise = np.concatenate(stated).reshape(len(logs), *stated[0].shape)
-        velocity, joint = self._motions(logs, newest, positions, noise)
+        velocity, joint = self._motions(logs, newest, positions, noise, apart)
+        if apart.any():
+            noise += (PACE * apart[:, None, None]) ** 2 * np.eye(noise.shape[-1])
         return assembled(  # of detections, which were checked one by one
             Tracks,
             positions=positions,
@@ -235,7 +295,7 @@ class History:
         )
 
     def _motions(
-        self, logs: Sequence[_Log], newest: float, positions: Array, noise: Array
+        self, logs: Sequence[_Log], newest: float, positions: Array, noise: Array, apart: Array
     ) -> tuple[Array | None, Array | None]:
         """Carry obstacles to the newest instant in place; return velocities and covariances.
 
@@ -254,6 +314,7 @@ class History:
             if late and lag <= self.dt:
                 positions[row, -1] = found.position
                 noise[row] += found.wider
+                apart[row] = 0.0
             velocities.append(log.motion[0])
             joints.append(found.joint)
         if len(joints) < len(logs):
@@ -294,23 +355,6 @@ def _learnt(
         for name in names:
             logs[name] = logs[name]._replace(fresh=0, looked=True)
     return known
-
-
-def named_apart(detections: Sequence[Detection]) -> list[tuple[str, Detection]]:
-    """Give the second detection of one identity a name of its own, so that none is lost."""
-    taken = {detection.ident for detection in detections}
-    if len(taken) == len(detections):
-        return [(detection.ident, detection) for detection in detections]
-    seen: dict[str, int] = {}
-    named = []
-    for detection in detections:
-        name, count = detection.ident, seen.get(detection.ident, 0) + 1
-        while count > 1 and (name := f"{detection.ident}#{count}") in taken:
-            count += 1
-        seen[detection.ident] = count
-        taken.add(name)
-        named.append((name, detection))
-    return named
 
 
 def admitted(

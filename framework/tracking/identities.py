@@ -37,7 +37,7 @@ class _People(NamedTuple):
 
     Attributes
     ----------
-    name : (O,). seen : (O,), s. place, velocity : (O, 2), m and m/s.
+    name : (O,). seen : (O,), s. place, velocity : (O, D), m and m/s.
     spread : (O, 3), of each axis: m^2 of the place, m^2/s of both, (m/s)^2 of the velocity.
     """
 
@@ -49,10 +49,10 @@ class _People(NamedTuple):
 
     @classmethod
     def at(cls, time: float, places: Array, variance: float) -> "_People":
-        """Return people without names who were seen once, at places (O, 2)."""
+        """Return people without names who were seen once, at places (O, D)."""
         count, first = len(places), [variance, 0.0, SPEED**2]
         name, seen = np.zeros(count, dtype=np.int64), np.full(count, time)
-        return cls(name, seen, places.copy(), np.zeros((count, 2)), np.tile(first, (count, 1)))
+        return cls(name, seen, places.copy(), np.zeros(places.shape), np.tile(first, (count, 1)))
 
     def rows(self, which: NDArray[np.bool_] | Numbers) -> "_People":
         """Return some of them."""
@@ -87,7 +87,7 @@ class _People(NamedTuple):
         return self._replace(place=moved, spread=np.stack(spread, axis=1))
 
     def corrected(self, time: float, places: Array, variance: float) -> "_People":
-        """Correct each by a measured place, (O, 2), by Kalman's update."""
+        """Correct each by a measured place, (O, D), by Kalman's update."""
         gain = self.spread[:, :2] / (self.spread[:, :1] + variance)
         gap = places - self.place
         left = self.spread - np.stack(
@@ -163,8 +163,8 @@ class Identities:
         Parameters
         ----------
         stamp : s.
-        positions : (K, 2), m, in a frame that stands still. A row that is not finite is left out.
-        velocities : (K, 2), m/s, in the same frame; rows that are not finite are not used.
+        positions : (K, D), m, in a frame that stands still. A row that is not finite is left out.
+        velocities : (K, D), m/s, in the same frame; rows that are not finite are not used.
         radius : m, of all or (K,) of each.
 
         Returns
@@ -179,8 +179,8 @@ class Identities:
         places, moving, radii = _checked(positions, velocities, radius)
         time = number("stamp", stamp)
         time = time if abs(time) <= LATEST else self._now  # NaN is not either
-        if time < self._now:
-            self._people = self._people.rows(np.zeros(len(self._people.name), dtype=np.bool_))
+        if time < self._now or places.shape[1:] != self._people.place.shape[1:]:
+            self._people = _People.at(0.0, places[:0], 1.0)
         self._now = time
         self._people = self._people.rows(time - self._people.seen <= MEMORY)
         expected = self._people.carried(time)
@@ -188,7 +188,7 @@ class Identities:
         found = self._updated(expected, before, places, moving)
         absent = np.setdiff1d(np.arange(len(expected.name)), before)
         self._people = self._people.rows(absent).and_those(found)
-        spread = self.deviation**2 * np.eye(2)
+        spread = self.deviation**2 * np.eye(places.shape[1])
         return tuple(
             Detection(str(name), place, spread, size)
             for name, place, size in zip(found.name.tolist(), places, radii.tolist(), strict=True)
@@ -202,7 +202,7 @@ class Identities:
         turned = np.nan_to_num(0.5 * dt[:, None, None] * (moving - expected.velocity[:, None]))
         gap = places - expected.place[:, None] - turned
         reach = CHANGE * np.minimum(dt, LONGEST) + 6.0 * self.deviation
-        far = np.minimum(np.hypot(gap[..., 0], gap[..., 1]), reach[:, None])
+        far = np.minimum(np.hypot.reduce(gap, axis=-1), reach[:, None])
         variance = (expected.spread[:, 0] + self.deviation**2)[:, None]
         rows, columns = linear_sum_assignment(far**2 / variance + 2.0 * np.log(variance))
         near = far[rows, columns] < reach[rows]
@@ -232,12 +232,13 @@ class Identities:
 def _checked(
     positions: ArrayLike, velocities: ArrayLike | None, radius: ArrayLike
 ) -> tuple[Array, Array, Array]:
-    """Return places and velocities (K, 2), NaN where not known, and radii (K,) of sound rows."""
-    places = checked_rows("positions", positions, 2, finite=False)
+    """Return places and velocities (K, D), NaN where not known, and radii (K,) of sound rows."""
+    size = 3 if np.shape(positions)[-1:] == (3,) else 2
+    places = checked_rows("positions", positions, size, finite=False)
     count = len(places)
-    moving = np.full((count, 2), np.nan)
+    moving = np.full((count, size), np.nan)
     if velocities is not None:
-        moving = checked_rows("velocities", velocities, 2, finite=False)
+        moving = checked_rows("velocities", velocities, size, finite=False)
     if len(moving) != count:
         raise WideberthError(f"velocities has {len(moving)} rows; wanted {count}, as positions")
     each = np.full(count, radius) if np.ndim(radius) == 0 else radius

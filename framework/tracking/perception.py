@@ -19,7 +19,9 @@ from ..values.number_limits import bounded
 from ..values.plan import Plan
 from ..values.tracks import Tracks
 from .history import History, admitted
+from .names import FASTEST
 from .noise import NoiseEstimate
+from .resampling import PACE
 
 LOG = logging.getLogger("wideberth.perception")
 CHANGED = 1.2
@@ -30,8 +32,6 @@ FINE = 0.01
 """Share of a track's step that the clock must resolve."""
 LONG = 20.0
 """Pause between two observations over the period from which on it is said, once."""
-PACE = 1.0
-"""m/s per axis, standard deviation of the velocity of a person who may stand or walk."""
 
 
 @final
@@ -73,6 +73,7 @@ class Perception:
         samples: int,
         period: float,
         forget: float,
+        fastest: float = FASTEST,
     ) -> "Perception":
         """Return that of a controller that has seen nothing.
 
@@ -80,10 +81,12 @@ class Perception:
         ----------
         predictor, dimension, forget : as above.
         dt : s between the samples of the tracks.
-        samples : their number.
+        samples : their number; more where they would not reach back over ``forget``.
         period : s between observations.
+        fastest : m/s, speed that no obstacle exceeds.
         """
-        history = History(dt, samples, forget, 2.5 * max(dt, period))
+        samples = max(samples, math.ceil(forget / dt) + 2)
+        history = History(dt, samples, forget, 2.5 * max(dt, period), fastest)
         return cls(predictor, dimension, history, forget, period)
 
     @property
@@ -123,7 +126,7 @@ class Perception:
             self.forget,
             period,
             stamp,
-            (*notes, *sighting.notes),
+            (*notes, *sighting.notes, *history.notes),
             _logged(history.noise, self.logged),
             self.paused or paused,
             sighting.placeless,

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TypeAlias
 
@@ -16,6 +16,8 @@ from ..values.arrays import Array, checked, positive, whole
 from ..values.errors import WideberthError, short
 from ..values.motion import Truth
 from ..values.tracks import Tracks
+from .identities import Identities
+from .names import DEVIATION
 from .noise import NoiseEstimate, estimated_noise
 from .resampling import MOST_CELLS, interpolated
 
@@ -180,10 +182,11 @@ def number(word: str, name: str, path: str | Path, line: int) -> float:
     return value
 
 
-def read_samples(path: Path) -> Samples:
-    """Read identity -> rows of (frame, x, y, line), frames increasing."""
+def read_samples(path: Path) -> tuple[Samples, set[str]]:
+    """Read identity -> rows of (frame, x, y, line), and which identities one frame has twice."""
     samples: Samples = {}
-    seen: dict[tuple[str, int], int] = {}
+    shared: set[str] = set()
+    seen: dict[tuple[str, int], Sample] = {}
     for line, words in read_rows(path, TRACK_COLUMNS):
         frame = number(words[0], "frame", path, line)
         if frame != round(frame):
@@ -194,26 +197,55 @@ def read_samples(path: Path) -> Samples:
         ident = _identity(words[1], path, line)
         x, y = (number(words[i], TRACK_COLUMNS[i], path, line) for i in (2, 3))
         key = (ident, round(frame))
-        if key in seen:
+        if key in seen and seen[key][1:3] == (x, y):
             raise WideberthError(
-                f"{path}, line {line} repeats frame {key[1]} of id {ident} (line {seen[key]}); "
+                f"{path}, line {line} repeats frame {key[1]} of id {ident} (line {seen[key][3]}); "
                 "remove one of them"
             )
-        seen[key] = line
+        if key in seen:
+            shared.add(ident)
+        seen[key] = (key[1], x, y, line)
         rows = samples.setdefault(ident, [])
         if rows and rows[-1][0] > key[1]:
             raise WideberthError(
                 f"{path}, line {line}: frame {key[1]} of id {ident} comes after frame "
                 f"{rows[-1][0]} (line {rows[-1][3]}); sort the file by frame"
             )
-        rows.append((key[1], x, y, line))
+        rows.append(seen[key])
     timed = [ident for ident in samples if _is_fraction(ident)]
-    if timed and len({frame for _, frame in seen}) < len(seen):
+    if timed and (shared or len({frame for _, frame in seen}) < len(seen)):
         raise WideberthError(
             f"{path}: the columns seem to be `id time x y`, since the second holds {timed[0]} and "
             f"the first repeats; wanted `{' '.join(TRACK_COLUMNS)}`: {_OF_TIMES}, and put it first"
         )
-    return samples
+    return samples, shared
+
+
+def _assigned(
+    samples: Samples, shared: set[str], seconds: float
+) -> tuple[Samples, tuple[str, ...]]:
+    """Take rows of shared identities as unnamed, and assign them to obstacles by `Identities`.
+
+    Parameters
+    ----------
+    samples, shared : of `read_samples`. seconds : s between two frames.
+    """
+    if not shared:
+        return samples, ()
+    named = {ident: rows for ident, rows in samples.items() if ident not in shared}
+    unnamed = sorted(row for ident in shared for row in samples[ident])
+    identities, found = Identities(DEVIATION), Samples()
+    for frame, group in groupby(unnamed, key=lambda row: row[0]):
+        rows = list(group)
+        places = np.array([row[1:3] for row in rows])
+        for row, obstacle in zip(rows, identities.named(seconds * frame, places), strict=True):
+            found.setdefault(f"#{obstacle.ident}", []).append(row)
+    some = ", ".join(sorted(shared)[:3]) + ", ..." * (len(shared) > 3)
+    note = (
+        f"{len(shared)} identities are those of several tracks in one frame ({some}): their "
+        f"{len(unnamed)} rows are assigned to {len(found)} tracks by their positions"
+    )
+    return named | found, (note,)
 
 
 def _is_fraction(word: str) -> bool:
@@ -472,21 +504,25 @@ def read_tracks(
 
     A track whose frames are not whole steps from the others' is shifted to the nearest row
     (at most half a step), which keeps its motion as it was; the notes tell. A sample that
-    is not a whole number of steps from its own track's start is left out.
+    is not a whole number of steps from its own track's start is left out. An identity that one
+    frame has at several places names no track: its rows are assigned to tracks "#1", "#2", and so
+    on by their positions, see `Identities`; the notes tell.
 
     Raises
     ------
     WideberthError : no such file, empty, binary, wrong columns, not numbers, NaN, frames
-        unsorted within a track or twice; it names file, line and cure.
+        unsorted within a track, or a row twice; it names file, line and cure.
     """
     positive("dt", dt)
     whole("minimum_samples", minimum_samples)
     positive("longest_gap", longest_gap)
     if frames_per_row is not None:
         whole("frames_per_row", frames_per_row)
-    samples = read_samples(Path(path))
+    samples, shared = read_samples(Path(path))
     step = frames_per_row or _frame_step(samples)
+    samples, assigned = _assigned(samples, shared, dt / step)
     positions, notes = _on_grid(samples, step, dt, path)
+    notes += assigned
     reasons = tuple(unusable(track, dt, minimum_samples, longest_gap) for track in positions)
     if None not in reasons:
         notes += (f"are the columns `{' '.join(TRACK_COLUMNS)}`, in this order?",)
@@ -631,7 +667,12 @@ def _on_grid(
 
 def _frame_step(samples: Samples) -> int:
     """Return the smallest frame step within a track; across tracks if all have one sample."""
-    steps = [after[0] - before[0] for rows in samples.values() for before, after in pairwise(rows)]
+    steps = [
+        after[0] - before[0]
+        for rows in samples.values()
+        for before, after in pairwise(rows)
+        if after[0] > before[0]
+    ]
     if not steps:
         frames = sorted({row[0] for rows in samples.values() for row in rows})
         steps = [b - a for a, b in pairwise(frames)]

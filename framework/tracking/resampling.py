@@ -17,6 +17,8 @@ MOST_CELLS = 50_000_000
 """Most (track, row) cells of a grid; more means that its step is wrong."""
 ON_GRID = 1e-6
 """Steps by which a measurement may miss a grid time and still count as taken at it."""
+PACE = 1.0
+"""m/s per axis, standard deviation of the velocity of a person who may stand or walk."""
 
 
 def interpolated(
@@ -52,6 +54,78 @@ def interpolated(
     if not known.all():
         sampled[~known.take(rows, axis=0)] = np.nan
     return np.asarray(sampled)
+
+
+def beside_grid(
+    sampled: Array,
+    times: Sequence[Array],
+    positions: Sequence[Array],
+    grid: Array,
+    step: float,
+    bridge: float,
+) -> Array:
+    """Fill grid times without a position in place, from the measurement that is nearest.
+
+    A measurement at t whose nearest grid time g has no position, because no other one lies on the
+    far side of g, is carried there. With the nearest measurement t' on its other side that is at
+    least half a step and at most ``bridge`` away,
+
+    p(g) = p(t) + (p(t) - p(t')) (g - t) / (t - t'),
+
+    which at most doubles the distance, and p(t) where there is none.
+
+    Parameters
+    ----------
+    sampled : (O, G, D), m, of `interpolated` with the same other arguments.
+    step : s, between grid times.
+
+    Returns
+    -------
+    apart : (O,), s, by which the newest position misses its grid time where it was not carried
+        along a motion; else 0.
+    """
+    apart = np.zeros(len(times))
+    if not np.isnan(sampled).any():
+        return apart
+    last = len(grid) - 1
+    count = np.array([len(own) for own in times])
+    first, owner = np.cumsum(count) - count, np.repeat(np.arange(len(times)), count)
+    moment, place = np.concatenate(times), np.concatenate(positions)
+    column = np.rint((moment - grid[last]) / step).astype(np.int64) + last
+    found = np.flatnonzero(column >= 0)
+    found = found[np.isnan(sampled[owner[found], column[found], 0])]
+    if not found.size:
+        return apart
+    found = found[np.argsort(np.abs(moment[found] - grid[column[found]]), kind="stable")]
+    cells = owner[found] * len(grid) + column[found]
+    found = found[np.unique(cells, return_index=True)[1]]  # the nearest one of each grid time
+    row, off = owner[found], grid[column[found]] - moment[found]
+    other = first[row] + [
+        _across(times[o], float(moment[k]), float(after), 0.5 * step, bridge)
+        for o, k, after in zip(row.tolist(), found.tolist(), off.tolist(), strict=True)
+    ]
+    alone = other < first[row]
+    width = np.where(alone, 1.0, moment[found] - moment[other])
+    share = np.where(alone, 0.0, off / width)[:, None]
+    sampled[row, column[found]] = place[found] + share * (place[found] - place[other])
+    newest = last - np.argmax(np.isfinite(sampled[row, ::-1, 0]), axis=1) == column[found]
+    apart[row[newest & alone]] = np.abs(off[newest & alone])
+    return apart
+
+
+def _across(times: Array, time: float, off: float, least: float, most: float) -> int:
+    """Return the index of the nearest time on the other side of one than ``off``; -1 for none.
+
+    Parameters
+    ----------
+    times : increasing, s. time : one of them. least, most : limits of the distance, s.
+    """
+    if off > 0.0:
+        other = int(times.searchsorted(time - least, "right")) - 1
+    else:
+        other = int(times.searchsorted(time + least))
+    near = 0 <= other < len(times) and 0.0 < abs(times[other] - time) <= most
+    return other if near else -1
 
 
 def _looked_up(
@@ -97,7 +171,9 @@ def resampled_tracks(
 
     The grid ends at the newest measurement of all obstacles and is theirs in common; an
     obstacle that was last measured before it has NaN at the end, one that came later NaN at
-    the start. Interpolation averages two measurements and so has less noise than one: at most
+    the start. A measurement with no other one on the far side of its nearest grid time is carried
+    there, see `beside_grid`; where it shows no motion, the noise grows by (`PACE` lag)^2.
+    Interpolation averages two measurements and so has less noise than one: at most
     by half, which is not counted.
 
     Parameters
@@ -137,10 +213,13 @@ def resampled_tracks(
     grid = -dt * np.arange(whole("length", int(rows)) - 1.0, -1.0, -1.0, dtype=np.float64)
     # a clock that counts from 1970 has lost the digits below 1e-7 s
     slack = max(ON_GRID * dt, 4 * float(np.spacing(max(abs(newest), abs(oldest)))))
-    positions = interpolated([times - newest for times in clocks], places, grid, bridge, slack)
+    clocks = [times - newest for times in clocks]
+    positions = interpolated(clocks, places, grid, bridge, slack)
+    apart = beside_grid(positions, clocks, places, grid, dt, bridge)
     count, size = len(clocks), places[0].shape[1]
     deviation = estimated_noise(positions).deviation if noise is None else noise
-    spread = np.tile(deviation**2 * np.eye(size), (count, 1, 1))
+    variance = deviation**2 + (PACE * apart) ** 2
+    spread = variance[:, None, None] * np.tile(np.eye(size), (count, 1, 1))
     return Tracks(
         positions, dt, tuple(measurements), np.full(count, radius), spread, float(newest)
     )

@@ -13,7 +13,9 @@ from ..values.motion import Detection, Observation
 RADIUS = 0.7
 """m, of an obstacle of unknown kind: the disc around a wheelchair of 1.2 m x 0.7 m (ISO 7193)."""
 OLDEST = 60.0
-"""s. What was measured longer ago by its own stamp comes from a clock that goes otherwise."""
+"""s. An age beyond it, before or after now, comes from a clock that differs."""
+LARGEST = 10.0
+"""m; a larger radius is more likely a number of cm."""
 
 
 class LastGood(NamedTuple):
@@ -53,12 +55,14 @@ def sound(
     - for a radius, `RADIUS`;
     - for a covariance, None: it is estimated from what the sensor reports;
     - for a tracked velocity or its covariance, none of either: positions show the motion;
-    - for an age below zero, not finite or above ``oldest``, 0: it is reported now;
+    - for an age below zero, by less than ``oldest``, 0: the clocks differ a little;
     - for a position in space, seen by a robot in the plane, its first two coordinates; for one in
       the plane, seen by a robot in space, the same at the robot's own height.
 
-    For a position that is none, or beyond `FARTHEST`, the last measurement of the obstacle stands
-    in, which the controller remembers. An obstacle that is not known has no place.
+    A detection whose position is none, or beyond `FARTHEST`, has no place. Nor has one whose age
+    is not finite, or more than ``oldest`` from 0: it is not known when the obstacle was there. The
+    last measurement of the obstacle stands in, which the controller remembers. An obstacle that is
+    not known has no place. A radius above `LARGEST` is kept, and noted.
 
     Parameters
     ----------
@@ -79,10 +83,16 @@ def sound(
         if placed is None:
             lost.append((one.ident, moved))
             continue
-        found, words = _completed(placed, remembered.get(one.ident), oldest)
-        kept.append(found)
-        said = ", ".join(filter(None, (moved, *words)))
-        notes.append(f"detection {one.ident!r} taken in part: {said}")
+        if not abs(one.age) <= oldest:  # NaN is not either
+            why = f"age is {one.age:g} s, at most {oldest:g} s: is its stamp of another clock?"
+            lost.append((one.ident, why))
+            continue
+        completed, words = _completed(placed, remembered.get(one.ident))
+        kept.append(completed)
+        if said := ", ".join(filter(None, (moved, *words))):
+            notes.append(f"detection {one.ident!r} taken in part: {said}")
+        if LARGEST < one.radius <= FARTHEST:
+            notes.append(f"detection {one.ident!r} has a radius of {one.radius:g} m; is it in cm?")
     taken = {one.ident for one in kept}
     placeless: list[str] = []
     for ident, why in lost:
@@ -110,7 +120,7 @@ def checked_places(placeless: Sequence[str]) -> None:
 
 def is_sound(one: Detection, dimension: int, oldest: float) -> bool:
     """Whether every number of a detection can be used as it is, see `sound`."""
-    if one.flaw or one.radius > FARTHEST or one.age > oldest:
+    if one.flaw or one.radius > LARGEST or one.age > oldest:
         return False
     place = one.position.tolist()
     if len(place) != dimension or max(place) > FARTHEST or min(place) < -FARTHEST:
@@ -144,16 +154,14 @@ def _placed(one: Detection, dimension: int, here: Array | None) -> tuple[Detecti
     return replace(one, position=fitting, covariance=covariance, **changes), words
 
 
-def _completed(
-    one: Detection, last: LastGood | None, oldest: float
-) -> tuple[Detection, list[str]]:
+def _completed(one: Detection, last: LastGood | None) -> tuple[Detection, list[str]]:
     """Put stand-ins in the place of a placed detection's other numbers, and name them."""
     changes: dict[str, Any] = {}
     words = []
     if not 0.0 <= one.radius <= FARTHEST:
         changes["radius"] = RADIUS if last is None else last.radius
         words.append(f"radius is {one.radius:g}, taken as {changes['radius']:g} m")
-    if not 0.0 <= one.age <= oldest:
+    if one.age < 0.0:
         changes["age"] = 0.0
         words.append(f"age is {one.age:g}, taken as 0 s")
     if one.covariance is not None and (wrong := _no_covariance("covariance", one.covariance)):

@@ -131,7 +131,7 @@ def test_neighbours_are_carried_on():
     assert known.now()[0] == ("a",)
     np.testing.assert_allclose(known.now()[1], [[1.2, 0.0]])
     known.take(Observation(0.3, state, (detection("a", (0, 0)), detection("a", (2, 2)))))
-    assert known.now()[0] == ("a", "a#2") and not known.now()[2].any()  # the clock went back
+    assert set(known.now()[0]) == {"#1", "#2"} and not known.now()[2].any()  # the clock went back
     known.take(Observation(0.4, state, (Detection("high", np.zeros(3), np.eye(3), 0.1),)))
     assert "high" in known.now()[0] and not known.placeless
     known.take(Observation(0.5, state, (Detection("low", np.zeros(1), np.eye(1), 0.1),)))

@@ -127,3 +127,12 @@ def test_tracks_that_change_places() -> None:
 def test_a_run_without_anything() -> None:
     scores = track_scores([(0.0, {}, [])])
     assert scores.gospa == 0.0 and np.isnan(scores.latency) and np.isnan(scores.nees)
+
+
+def test_two_tracks_of_one_name_are_two() -> None:
+    """The second one stands beside nothing: it is false, whichever of the two comes first."""
+    truth = {"a": np.zeros(4)}
+    for tracks in ([track("1", 0.0), track("1", 7.0)], [track("1", 7.0), track("1", 0.0)]):
+        scores = track_scores([(0.0, truth, tracks)])
+        assert scores.false == 1.0 and scores.missed == 0.0 and scores.pairs == 1
+        assert scores.gospa == pytest.approx(gospa([[0, 0]], [[0, 0], [7, 0]]).value)

@@ -103,6 +103,7 @@ class PlannerState:
             settings.history,
             settings.period,
             FORGET,
+            settings.obstacle_speed,
         )
         return cls(perception, None if path is None else ReferenceProgress(path))
 

@@ -11,6 +11,7 @@ from ...predictor import Predictor
 from ...region import Region
 from ...robot import Robot, SpeedLimited
 from ...static_region import StaticRegion
+from ...tracking.names import FASTEST
 from ...tracking.perception import FORGET
 from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
@@ -59,7 +60,10 @@ class PlannerSettings:
     latency : s between observation and the moment the command takes effect; the plan
         starts where the robot will be by then. 0 is the paper's.
     track_dt : s between the samples that the predictor sees.
-    history : how many of those samples are kept.
+    history : how many of those samples are kept, at least 3 s of them.
+    obstacle_speed : m/s that no obstacle exceeds; one that is reported farther away than it can
+        have moved counts as another one, and the one known before stays remembered. The default
+        is for people.
     most_obstacles : capacity; the nearest are kept, the others named in the plan.
     margin : m, added to r + r_d; 0 is the paper's. The regions hold at the steps alone:
         between two of them, a straight pass at relative speed w comes closer by up to
@@ -102,6 +106,7 @@ class PlannerSettings:
     latency: float = 0.0
     track_dt: float = 0.5
     history: int = 80
+    obstacle_speed: float = FASTEST
     most_obstacles: int = 20
     margin: float = 0.0
     wall_margin: float | None = None
@@ -157,7 +162,7 @@ def check_settings(planner: PlannerSettings) -> None:
         raise WideberthError(
             f"planner.most_obstacles is {planner.most_obstacles}; wanted at most {CAPACITIES[-1]}"
         )
-    for name in ("dt", "period", "reference_speed", "track_dt"):
+    for name in ("dt", "period", "reference_speed", "track_dt", "obstacle_speed"):
         positive(f"planner.{name}", getattr(planner, name))
     for name in ("latency", "margin"):
         positive(f"planner.{name}", getattr(planner, name), zero=True)

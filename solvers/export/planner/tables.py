@@ -45,16 +45,21 @@ class ExportedPlanner:
     solver: ExportedSolver
 
     @property
+    def history(self) -> int:
+        """Samples of a track, as `Perception.initial` sets them."""
+        return max(self.planner.history, ceil(FORGET / self.planner.track_dt) + 2)
+
+    @property
     def samples(self) -> int:
         """Samples of the tracks that any of the predictors looks at."""
         late = ceil(2.0 * FORGET / self.planner.track_dt) + 1
-        return min(self.planner.history, self.filtered + late + 2)
+        return min(self.history, self.filtered + late + 2)
 
     @property
     def filtered(self) -> int:
         """Newest samples that the filter goes through."""
         known = describe(base_of(self.planner.predictor))
-        return min(int(known.get("history", FILTERED)), self.planner.history)
+        return min(int(known.get("history", FILTERED)), self.history)
 
     @property
     def gap(self) -> float:
@@ -115,10 +120,11 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("FORGET", FORGET, "s"),
         ("TRACK_DT", planner.track_dt, "s"),
         ("GAP", one.gap, "s"),
-        ("KEEP", planner.history * planner.track_dt + one.gap, "s"),
+        ("KEEP", one.history * planner.track_dt + one.gap, "s"),
         ("NOISE_FLOOR", base.noise_floor, "m"),
         ("SPEED_VARIANCE", base.speed**2, "m^2/s^2"),
         ("SPEED", planner.reference_speed, "m/s"),
+        ("OBSTACLE_SPEED", planner.obstacle_speed, "m/s that no obstacle exceeds"),
         ("RADIUS", body.radius, "m"),
         ("ROOM", body.radius + planner.margin, "m"),
         ("WALL_ROOM", body.radius + planner.margin_at_walls, "m"),

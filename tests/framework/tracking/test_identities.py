@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import ArrayLike
 
 from wideberth import Observation, WideberthError, recommended
+from wideberth.framework.tracking.identities import DENSITY, MEMORY, Identities, _People
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.path import Path
 from wideberth.people.models import CircularForce, Company, PersonModel, Reciprocal, Walkers
-from wideberth.framework.tracking.identities import DENSITY, MEMORY, Identities, _People
 from wideberth.perception.tracking.motion import carried, corrected
 
 EXACT = 0.01
@@ -187,8 +187,8 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         people.named(0.0, np.zeros((2, 2)), np.zeros((1, 2)))
     with pytest.raises(WideberthError, match=r"radius has shape \(1,\); wanted \(2,\)"):
         people.named(0.0, np.zeros((2, 2)), None, [0.3])
-    with pytest.raises(WideberthError, match=r"positions has shape \(2, 3\)"):
-        people.named(0.0, np.zeros((2, 3)))
+    with pytest.raises(WideberthError, match=r"positions has shape \(2, 4\)"):
+        people.named(0.0, np.zeros((2, 4)))
     with pytest.raises(WideberthError, match=r"identities\.deviation is 0"):
         Identities(deviation=0.0)
 

@@ -296,7 +296,7 @@ BAD_TRACKS = {
     "0 nan 2 3": "line 1: id is nan",
     "nan 1 2 3": "line 1: frame is nan",
     "0.5 1 2 3": "line 1: frame is 0.5; wanted a whole number: .* read_robot_log",
-    "0 1 2 3\n0 2 2 3\n0 1.0 5 5": "line 3 repeats frame 0 of id 1 .line 1.; remove",
+    "0 1 2 3\n0 2 2 3\n0 1.0 2 3": "line 3 repeats frame 0 of id 1 .line 1.; remove",
     "9 1 2 3\n5 1 2 3": "line 2: frame 5 of id 1 comes after frame 9 .line 1.; sort",
     "0 1 0 0\n1 1 0 0\n1000000000 1 2 3": "1000000001 rows .* state frames_per_row",
 }
@@ -362,3 +362,23 @@ def test_predictors_run_over_the_whole_crowd():
     for row in range(0, len(crowd.times), 10):
         forecast = Kalman().predict(crowd.tracks(row, 20), 8)
         assert np.isfinite(forecast.mean).all()
+
+
+@pytest.mark.parametrize("ident", ["0", "person"])
+def test_an_identity_of_several_tracks_in_a_frame_names_none(tmp_path: Path, ident: str) -> None:
+    """Four walkers under one identity and one with a name: five tracks, as they walked."""
+    rng = np.random.default_rng(2)
+    start, velocity = rng.uniform(-5.0, 5.0, (5, 2)), rng.normal(0.0, 0.7, (5, 2))
+    lines = [
+        f"{10 * frame} {ident if k < 4 else 'guide'} {x:.6f} {y:.6f}"
+        for frame in range(20)
+        for k in rng.permutation(5)
+        for x, y in [start[k] + 0.4 * frame * velocity[k]]
+    ]
+    recording = read_tracks(write(tmp_path, "\n".join(lines)), dt=0.4)
+    assert set(recording.ids) == {"#1", "#2", "#3", "#4", "guide"}
+    truth = start[:, None] + 0.4 * np.arange(20)[:, None] * velocity[:, None]
+    off = np.abs(recording.positions[:, None] - truth).max(axis=(2, 3))
+    assert sorted(off.argmin(axis=1)) == [0, 1, 2, 3, 4] and off.min(axis=1).max() < 1e-6
+    (note,) = [text for text in recording.notes if "identities" in text]
+    assert f"({ident})" in note and "80 rows are assigned to 4 tracks" in note

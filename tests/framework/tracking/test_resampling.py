@@ -38,7 +38,7 @@ def test_samples_on_the_grid_stay_as_they_are() -> None:
 
 
 def test_times_inside_long_gaps_and_outside_are_unobserved() -> None:
-    """Brute force: a grid time is known on a sample, or between two at most `bridge` apart."""
+    """Brute force: a grid time is known between samples at most `bridge` apart, or next to one."""
     bridge = 0.4
     measurements = {"early": irregular(2, 20), "late": irregular(3, 70)}
     tracks = resampled_tracks(measurements, 0.25, bridge=bridge, noise=0.02, radius=0.4)
@@ -48,8 +48,10 @@ def test_times_inside_long_gaps_and_outside_are_unobserved() -> None:
             at = tracks.stamp - 0.25 * (rows - 1 - row)
             before, after = times[times <= at + 1e-9], times[times >= at - 1e-9]
             known = bool(len(before) and len(after) and after[0] - before[-1] <= bridge + 1e-9)
+            known |= bool(np.abs(times - at).min() <= 0.125)
             assert np.isfinite(got[row]).all() == known
     assert np.isnan(tracks.positions[0, -1]).all(), "it ended before the other"
+    assert 0.2 < np.isfinite(tracks.positions).mean() < 0.95
     assert tracks.ids == ("early", "late") and (tracks.radius == 0.4).all()
     assert np.allclose(tracks.noise, 0.02**2 * np.eye(2))
 
@@ -61,6 +63,34 @@ def test_the_length_can_be_stated() -> None:
     assert short.positions.shape == (1, 4, 2)
     assert np.array_equal(long.positions[0, -4:], short.positions[0], equal_nan=True)
     assert np.isnan(long.positions[0, 0]).all()
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_sighting_beside_the_grid_is_carried_along_the_motion(seed: int) -> None:
+    """Of a straight motion: exact where two sightings half a step apart show it, else bounded."""
+    rng = np.random.default_rng(seed)
+    dt, velocity = 0.4, np.array([1.2, -0.5])
+    begin, length = rng.uniform(2.0, 6.0), rng.choice([0.0, 0.1, 0.25, 0.5, 1.3])
+    times = np.unique(begin + length * rng.random(rng.integers(1, 8)))
+    tracks = resampled_tracks(
+        {"far": ([0.0, 8.0], np.zeros((2, 2))), "brief": (times, times[:, None] * velocity)},
+        dt, bridge=1.0, noise=0.01,
+    )  # fmt: skip
+    grid = 8.0 - dt * np.arange(20.0, -1.0, -1.0)
+    got, seen = tracks.positions[1], np.isfinite(tracks.positions[1, :, 0])
+    near = np.abs(grid[:, None] - times).min(axis=1) <= 0.5 * dt
+    inside = (grid >= times[0]) & (grid <= times[-1])
+    np.testing.assert_array_equal(seen, near | inside)
+    assert seen.any()
+    off = np.abs(got[seen] - grid[seen, None] * velocity).max(axis=1)
+    if times[-1] - times[0] >= dt:
+        assert off.max() < 1e-9
+    assert off.max() <= 0.5 * dt * 1.2 + 1e-9
+    lag = np.sqrt(np.diagonal(tracks.noise[1] - 0.01**2 * np.eye(2)).clip(0.0))
+    newest = np.flatnonzero(seen)[-1]
+    exact = np.abs(got[newest] - grid[newest] * velocity).max() < 1e-9
+    wanted = 0.0 if exact else np.abs(grid[newest] - times).min()
+    np.testing.assert_allclose(lag, [wanted, wanted], atol=1e-7)
 
 
 def test_it_agrees_with_what_a_controller_remembers() -> None:
@@ -115,7 +145,7 @@ def test_obstacles_that_share_their_times_are_laid_like_others() -> None:
     history = History(dt=0.5, samples=12, forget=100.0, gap=0.8)
     for tick in range(9):
         names = ("a", "b") if tick < 3 else ("a", "b", "c")
-        seen = [Detection(name, rng.standard_normal(2), noise, 0.3) for name in names]
+        seen = [Detection(name, rng.uniform(size=2), noise, 0.3) for name in names]
         history = history.add(0.4 * tick, tuple(seen))
     logs = history.logs
     assert logs["a"].times is logs["b"].times and len(logs["c"].times) == 6

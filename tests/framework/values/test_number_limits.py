@@ -11,7 +11,7 @@ import pytest
 from wideberth.controllers.orca import Orca
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.testing.predictor import check_predictor
-from wideberth.framework.tracking.history import MOST, History, named_apart
+from wideberth.framework.tracking.history import MOST, History
 from wideberth.framework.values.arrays import Array, checked_covariance
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
@@ -71,12 +71,12 @@ def test_an_age_above_forget_is_refused_with_a_reason(age: float) -> None:
 
 
 @pytest.mark.parametrize("age", [1e6, 1e9, 1e300])
-def test_an_age_of_another_clock_is_none_and_the_obstacle_is_there(age: float) -> None:
+def test_an_age_of_another_clock_leaves_no_place_and_the_robot_brakes(age: float) -> None:
     made = planner()
     planned(made, 0.0, seen("a", 5.0, 3.0))
     plan = planned(made, 0.5, seen("a", 5.0, 3.0), seen("old", 6.0, 3.0, age=age))
-    assert plan.ids == ("a", "old")
-    assert f"'old' taken in part: age is {age:g}, taken as 0 s" in plan.reason
+    assert plan.rung is Rung.BRAKE
+    assert f"'old' refused: age is {age:g} s, at most 60 s" in plan.reason
     assert plan.forecast is not None
     assert plan.forecast.steps == 15
 
@@ -191,12 +191,6 @@ def test_instants_of_almost_the_same_time_are_interpolated() -> None:
     tracks = history.tracks()
     assert tracks is not None
     assert tracks.positions[0, -2:, 0].tolist() == [1.0, 1.5]
-
-
-def test_names_made_for_repeated_ones_are_taken_by_nobody() -> None:
-    """The third was taken for a second measurement of the second, and lost."""
-    names = [name for name, _ in named_apart([seen(n, 0, 0) for n in ("a", "a", "a#2", "a")])]
-    assert names == ["a", "a#3", "a#2", "a#4"]
 
 
 @pytest.mark.parametrize("dt", [1e-6, 1e-5])

@@ -40,6 +40,8 @@ struct log {
     int count; /* of the measurements, oldest first */
     double times[PLAN_LOG], places[PLAN_LOG][2];
     double reported, radius, covariance[4];
+    size_t stem; /* length of the identity that another obstacle had before; 0 where none had */
+    int unnamed, claimed;
 };
 
 struct history {
@@ -47,6 +49,8 @@ struct history {
     struct log logs[2 * PLAN_MOST]; /* in the order in which they came */
     double stamp;                   /* of the last observation; -INFINITY before */
     int placeless;                  /* how many were seen without a place */
+    int shared, born;               /* identities of several obstacles; unnamed obstacles */
+    char names[PLAN_MOST][WIDEBERTH_NAME];
 };
 
 struct track {

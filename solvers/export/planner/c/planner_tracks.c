@@ -6,12 +6,13 @@
 #include <stdio.h>
 #include <string.h>
 
-#define OLDEST 60.0      /* s; what is older by its own stamp comes from another clock */
+#define OLDEST 60.0      /* s; an age beyond it, before or after now, comes from another clock */
 #define UNKNOWN 0.7      /* m, radius of an obstacle of unknown kind */
 #define USUAL 0.03       /* m, deviation of a measurement of which nothing is known */
 #define DENSEST 64       /* measurements per sample of the tracks */
 #define ON_GRID 1e-6     /* steps by which a measurement may miss a grid time */
 #define FORGIVEN 1e-9    /* share of the largest entry that is rounding in a covariance */
+#define PACE 1.0         /* m/s, deviation of the velocity of a person who may stand or walk */
 #define VAGUEST 1e6      /* m, largest deviation of a measurement */
 
 /* Whether four numbers are a covariance, which is then `found`; its asymmetry is averaged out. */
@@ -62,10 +63,17 @@ static void completed(struct history *history, double stamp, wideberth_detection
     double found[4] = {USUAL * USUAL, 0.0, 0.0, USUAL * USUAL};
     if (!(one->radius >= 0.0 && one->radius <= FARTHEST))
         one->radius = last ? last->radius : UNKNOWN;
-    if (!(one->age >= 0.0 && one->age <= OLDEST)) one->age = 0.0;
+    if (one->age < 0.0) one->age = 0.0;
     if (!covariance_of(one->covariance, found) && last)
         memcpy(found, last->covariance, sizeof(found));
     memcpy(one->covariance, found, sizeof(found));
+}
+
+/* Whether it is known where an obstacle is, and when it was there. */
+static int placed(const wideberth_detection *one)
+{
+    return fabs(one->position[0]) <= FARTHEST && fabs(one->position[1]) <= FARTHEST
+        && fabs(one->age) <= OLDEST;
 }
 
 /* All that have a place and are new enough, with stand-ins; returns how many. */
@@ -76,7 +84,7 @@ static int admitted(struct history *history, const wideberth_observation *seen,
     int count = 0, all, lost = 0, k;
     for (k = 0; k < seen->obstacles; k++) {
         const wideberth_detection *one = &seen->detections[k];
-        if (!(fabs(one->position[0]) <= FARTHEST && fabs(one->position[1]) <= FARTHEST)) continue;
+        if (!placed(one)) continue;
         kept[count] = *one;
         kept[count].name[WIDEBERTH_NAME - 1] = '\0';
         completed(history, seen->stamp, &kept[count++]);
@@ -86,7 +94,7 @@ static int admitted(struct history *history, const wideberth_observation *seen,
     for (k = 0; k < seen->obstacles; k++) {
         const wideberth_detection *one = &seen->detections[k];
         wideberth_detection *room = &kept[all + lost];
-        if (fabs(one->position[0]) <= FARTHEST && fabs(one->position[1]) <= FARTHEST) continue;
+        if (placed(one)) continue;
         *room = *one; /* behind the others, so that a second one of this name is noticed */
         room->name[WIDEBERTH_NAME - 1] = '\0';
         if (!remembered(history, room->name, seen->stamp) || named(kept, all + lost, room->name))
@@ -122,19 +130,173 @@ static int nearest(wideberth_detection *seen, int count, const double *here,
     return kept;
 }
 
-/* Give the second detection of one identity a name of its own. */
-static void named_apart(wideberth_detection *seen, int count)
+/* ---- Names, see framework/tracking/names.py */
+
+#define LEAP 1.0         /* m, by which a position may be off beside the motion */
+#define CHANGE 3.0       /* m/s, change of a velocity that is unnamed */
+#define LONGEST 0.4      /* s, beyond which the reach of an unnamed obstacle does not grow */
+#define DEVIATION 0.1    /* m, of the position of an unnamed obstacle */
+#define REMEMBERED 1.0   /* s, for which an unnamed obstacle is recognised */
+
+static double apart(const double *one, const double *other)
 {
-    int k, number;
+    return sqrt((one[0] - other[0]) * (one[0] - other[0])
+        + (one[1] - other[1]) * (one[1] - other[1]));
+}
+
+static const double *newest(const struct log *log)
+{
+    return log->places[log->count - 1];
+}
+
+/* Whether an identity was ever that of two detections of one observation. */
+static int shared(const struct history *history, const char *name)
+{
+    int k;
+    for (k = 0; k < history->shared; k++)
+        if (strcmp(history->names[k], name) == 0) return 1;
+    return !name[0];
+}
+
+static void find_shared(struct history *history, const wideberth_detection *seen, int count)
+{
+    int k;
     for (k = 1; k < count; k++) {
+        if (!named(seen, k, seen[k].name) || shared(history, seen[k].name)) continue;
+        if (history->shared == PLAN_MOST) history->shared = 0;
+        memcpy(history->names[history->shared++], seen[k].name, WIDEBERTH_NAME);
+    }
+}
+
+/* Give unnamed detections the names of the nearest unnamed obstacles, nearest pair first, or new
+ * ones. Python assigns them all at once, and expects each obstacle farther on (Identities). */
+static void number(struct history *history, wideberth_detection *seen, int count,
+    struct scratch *scratch)
+{
+    int k, o, best, other, *open = scratch->order;
+    for (k = 0; k < count; k++) open[k] = shared(history, seen[k].name);
+    for (o = 0; o < history->count; o++) history->logs[o].claimed = 0;
+    for (;;) {
+        double least = INFINITY;
+        for (k = 0, best = other = -1; k < count; k++) {
+            for (o = 0; open[k] && o < history->count; o++) {
+                const struct log *log = &history->logs[o];
+                const double lag = history->stamp - log->reported;
+                const double reach = CHANGE * fmin(lag, LONGEST) + 6.0 * DEVIATION;
+                const double gap = apart(seen[k].position, newest(log));
+                if (!log->unnamed || log->claimed || lag > REMEMBERED || !(gap < reach)) continue;
+                if (gap < least) least = gap, best = k, other = o;
+            }
+        }
+        if (best < 0) break;
+        open[best] = 0, history->logs[other].claimed = 1;
+        memcpy(seen[best].name, history->logs[other].name, WIDEBERTH_NAME);
+    }
+    for (;;) { /* the lowest first, so that names do not depend on the order of detections */
+        for (k = 0, best = -1; k < count; k++)
+            if (open[k] && (best < 0 || seen[k].position[1] < seen[best].position[1]
+                || (seen[k].position[1] == seen[best].position[1]
+                    && seen[k].position[0] < seen[best].position[0])))
+                best = k;
+        if (best < 0) return;
+        open[best] = 0;
+        do
+            snprintf(seen[best].name, WIDEBERTH_NAME, "#%d", ++history->born);
+        while (named(seen, best, seen[best].name)
+            || named(seen + best + 1, count - best - 1, seen[best].name));
+    }
+}
+
+struct owner {
+    const struct log *log;
+    double reach, share; /* m that it can have moved, and the share of it that it would have */
+};
+
+/* The obstacle that a named detection is of; without a log where it is not known. */
+static struct owner owner_of(const struct history *history, const wideberth_detection *one)
+{
+    struct owner best = {NULL, 0.0, INFINITY};
+    const size_t length = strlen(one->name);
+    int k;
+    for (k = 0; k < history->count; k++) {
+        const struct log *log = &history->logs[k];
+        const int further = log->stem == length && strncmp(log->name, one->name, length) == 0;
+        double lag, reach, share;
+        if (!further && strcmp(log->name, one->name) != 0) continue;
+        if (history->stamp - log->reported > PLAN_FORGET) continue;
+        lag = fabs(history->stamp - one->age - log->times[log->count - 1]);
+        reach = LEAP + PLAN_OBSTACLE_SPEED * lag;
+        share = apart(one->position, newest(log)) / reach;
+        if (!best.log || share < best.share) best.log = log, best.reach = reach, best.share = share;
+    }
+    return best;
+}
+
+static double median(double *values, int count)
+{
+    int k, place;
+    for (k = 1; k < count; k++) {
+        const double value = values[k];
+        for (place = k; place > 0 && values[place - 1] > value; place--)
+            values[place] = values[place - 1];
+        values[place] = value;
+    }
+    return 0.5 * (values[(count - 1) / 2] + values[count / 2]);
+}
+
+/* Whether all known obstacles have moved by the same vector: the frame was corrected. */
+static int frame_moved(const wideberth_detection *seen, const struct owner *owners, int count)
+{
+    double moved[2], values[PLAN_MOST];
+    int k, axis, known = 0;
+    for (axis = 0; axis < 2; axis++) {
+        for (k = known = 0; k < count; k++) {
+            if (!owners[k].log) continue;
+            if (!(owners[k].share > 1.0)) return 0;
+            values[known++] = seen[k].position[axis] - newest(owners[k].log)[axis];
+        }
+        if (known < 2) return 0;
+        moved[axis] = median(values, known);
+    }
+    for (k = 0; k < count; k++) {
+        double off[2];
+        if (!owners[k].log) continue;
+        for (axis = 0; axis < 2; axis++)
+            off[axis] = seen[k].position[axis] - newest(owners[k].log)[axis];
+        if (!(apart(off, moved) <= owners[k].reach)) return 0;
+    }
+    return 1;
+}
+
+/* Give each detection the name of its obstacle; `stems` holds the length of the identity where an
+ * obstacle of that identity is known that it cannot be. */
+static void assign(struct history *history, wideberth_detection *seen, int count, size_t *stems,
+    struct scratch *scratch)
+{
+    struct owner owners[PLAN_MOST];
+    int k, whole, number_of;
+    find_shared(history, seen, count);
+    for (k = 0; k < count; k++) {
+        owners[k].log = NULL, owners[k].share = 0.0, stems[k] = 0;
+        if (!shared(history, seen[k].name)) owners[k] = owner_of(history, &seen[k]);
+    }
+    number(history, seen, count, scratch);
+    whole = frame_moved(seen, owners, count);
+    for (k = 0; k < count; k++) {
         char name[WIDEBERTH_NAME + 16];
-        if (!named(seen, k, seen[k].name)) continue;
-        for (number = 2;; number++) {
-            snprintf(name, sizeof(name), "%.*s#%d", WIDEBERTH_NAME - 8, seen[k].name, number);
-            if (!named(seen, count, name)) break;
+        const struct log *log = owners[k].log;
+        if (!log) continue;
+        if ((whole || !(owners[k].share > 1.0)) && !named(seen, k, log->name)) {
+            memcpy(seen[k].name, log->name, WIDEBERTH_NAME);
+            continue;
+        }
+        stems[k] = strlen(seen[k].name);
+        for (number_of = 2;; number_of++) {
+            snprintf(name, sizeof(name), "%.*s#%d", WIDEBERTH_NAME - 8, seen[k].name, number_of);
+            name[WIDEBERTH_NAME - 1] = '\0';
+            if (!named(seen, count, name) && !known(history, name)) break;
         }
         memcpy(seen[k].name, name, WIDEBERTH_NAME);
-        seen[k].name[WIDEBERTH_NAME - 1] = '\0';
     }
 }
 
@@ -147,17 +309,37 @@ static void drop(struct log *log, int first)
     log->count -= first;
 }
 
+/* Add a measurement at its time; one of the same time as another takes its place. */
 static void measured(struct log *log, double time, const double *place)
 {
-    int count = log->count, first = 0, kept;
-    if (count && !(time > log->times[count - 1])) return;
-    kept = count - (count > 1 && time - log->times[count - 2] < PLAN_TRACK_DT / DENSEST);
-    while (first < kept && log->times[first] < time - PLAN_KEEP) first++;
-    log->count = kept;
-    if (kept - first == PLAN_LOG) first++; /* older than any predictor looks */
+    const double densest = PLAN_TRACK_DT / DENSEST;
+    int count = log->count, first = 0, at = count, end = count;
+    if (count && time < log->times[count - 1]) { /* it came late */
+        at = 0;
+        while (log->times[at] < time) at++;
+        end = at + (log->times[at] == time);
+        if (end == at && (log->times[at] - time < densest
+            || (at && time - log->times[at - 1] < densest)
+            || time < log->times[count - 1] - PLAN_KEEP))
+            return;
+    } else {
+        if (count && (time == log->times[count - 1]
+            || (count > 1 && time - log->times[count - 2] < densest)))
+            at--;
+        while (first < at && log->times[first] < time - PLAN_KEEP) first++;
+    }
+    if (count - (end - at) - first == PLAN_LOG) { /* older than any predictor looks */
+        if (!at) return;
+        first++;
+    }
     drop(log, first);
-    log->times[log->count] = time;
-    memcpy(log->places[log->count++], place, 2 * sizeof(double));
+    at -= first, end -= first, count -= first;
+    memmove(log->times + at + 1, log->times + end, (size_t)(count - end) * sizeof(log->times[0]));
+    memmove(
+        log->places + at + 1, log->places + end, (size_t)(count - end) * sizeof(log->places[0]));
+    log->times[at] = time;
+    memcpy(log->places[at], place, 2 * sizeof(double));
+    log->count = count - (end - at) + 1;
 }
 
 static void removed(struct history *history, int place)
@@ -182,12 +364,14 @@ static void forget(struct history *history, double stamp)
 void wb_take(struct history *history, const wideberth_observation *seen, const double *here,
     struct scratch *scratch)
 {
+    size_t stems[PLAN_MOST];
     int count, k;
     if (!isfinite(seen->stamp)) return;
-    if (seen->stamp < history->stamp) history->count = 0; /* a clock that goes back */
+    if (seen->stamp < history->stamp) /* a clock that goes back */
+        history->count = history->shared = history->born = 0;
     history->stamp = seen->stamp;
     count = nearest(scratch->seen, admitted(history, seen, scratch), here, scratch);
-    named_apart(scratch->seen, count);
+    assign(history, scratch->seen, count, stems, scratch);
     for (k = 0; k < count; k++) {
         const wideberth_detection *one = &scratch->seen[k];
         struct log *log = known(history, one->name);
@@ -195,6 +379,7 @@ void wb_take(struct history *history, const wideberth_observation *seen, const d
             log = &history->logs[history->count++];
             memset(log, 0, sizeof(*log));
             memcpy(log->name, one->name, sizeof(log->name));
+            log->stem = stems[k], log->unnamed = one->name[0] == '#';
         }
         measured(log, seen->stamp - one->age, one->position);
         log->reported = seen->stamp, log->radius = one->radius;
@@ -224,6 +409,56 @@ static void interpolated(const struct log *log, double time, double *place)
         place[k] = log->places[before][k] * (1.0 - share) + log->places[after][k] * share;
 }
 
+/* Index of the nearest measurement on the other side of one than `off`; -1 for none. */
+static int across(const struct log *log, int index, double off)
+{
+    const double time = log->times[index], least = 0.5 * PLAN_TRACK_DT;
+    int other = index;
+    double width;
+    if (off > 0.0)
+        while (other >= 0 && !(log->times[other] <= time - least)) other--;
+    else
+        while (other < log->count && !(log->times[other] >= time + least)) other++;
+    if (other < 0 || other == log->count) return -1;
+    width = fabs(log->times[other] - time);
+    return width > 0.0 && width <= PLAN_GAP ? other : -1;
+}
+
+/* Carry a measurement with no other one on the far side of its nearest grid time there, see
+ * framework/tracking/resampling.py. */
+static void beside_grid(const struct log *log, double newest_time, struct track *track)
+{
+    int nearest_of[PLAN_SAMPLES], g, k;
+    double missed = 0.0;
+    for (g = 0; g < PLAN_SAMPLES; g++) nearest_of[g] = -1;
+    for (k = 0; k < log->count; k++) {
+        const double cell = rint((log->times[k] - newest_time) / PLAN_TRACK_DT) + PLAN_SAMPLES - 1;
+        double grid;
+        if (!(cell >= 0.0)) continue;
+        g = (int)cell;
+        grid = newest_time - PLAN_TRACK_DT * (PLAN_SAMPLES - 1 - g);
+        if (!isnan(track->places[g][0])) continue;
+        if (nearest_of[g] < 0
+            || fabs(log->times[k] - grid) < fabs(log->times[nearest_of[g]] - grid))
+            nearest_of[g] = k;
+    }
+    for (g = 0; g < PLAN_SAMPLES; g++) {
+        const double grid = newest_time - PLAN_TRACK_DT * (PLAN_SAMPLES - 1 - g);
+        double off, share;
+        int other, axis;
+        if (!isnan(track->places[g][0])) missed = 0.0;
+        if (nearest_of[g] < 0) continue;
+        k = nearest_of[g], off = grid - log->times[k], other = across(log, k, off);
+        share = other < 0 ? 0.0 : off / (log->times[k] - log->times[other]);
+        missed = other < 0 ? fabs(off) : 0.0;
+        for (axis = 0; axis < 2; axis++)
+            track->places[g][axis] = log->places[k][axis]
+                + share * (log->places[k][axis] - log->places[other < 0 ? k : other][axis]);
+    }
+    track->noise[0] += (PACE * missed) * (PACE * missed);
+    track->noise[3] += (PACE * missed) * (PACE * missed);
+}
+
 void wb_tracks(const struct history *history, struct tracks *tracks)
 {
     const struct log *order[2 * PLAN_MOST];
@@ -243,5 +478,6 @@ void wb_tracks(const struct history *history, struct tracks *tracks)
         for (g = 0; g < PLAN_SAMPLES; g++)
             interpolated(order[k], tracks->stamp - PLAN_TRACK_DT * (PLAN_SAMPLES - 1 - g),
                 track->places[g]);
+        beside_grid(order[k], tracks->stamp, track);
     }
 }

@@ -71,6 +71,7 @@ void wideberth_planner_reset(wideberth_planner *planner)
 {
     if (!planner || !begun(planner)) return;
     planner->history.count = planner->history.placeless = 0;
+    planner->history.shared = planner->history.born = 0;
     planner->history.stamp = -INFINITY;
     memset(&planner->learnt, 0, sizeof(planner->learnt));
     planner->has_plan = planner->kept.known = planner->obstacle_in_way = 0;
