@@ -31,6 +31,29 @@ def message_class(kind: str) -> Any:
         return None
 
 
+def mismatches(node: Any, offered: dict[str, Any], asked: dict[str, Any]) -> list[str]:
+    """Say which peers of a node are not connected, since their quality of service does not fit.
+
+    Parameters
+    ----------
+    node : of rclpy. offered, asked : quality of its publishers and subscriptions, by topic.
+    """
+    from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+    found = []
+    for qualities, peers_of, peer_is in (
+        (offered, node.get_subscriptions_info_by_topic, "subscriber"),
+        (asked, node.get_publishers_info_by_topic, "publisher"),
+    ):
+        for topic, quality in sorted(qualities.items()):
+            for peer in peers_of(node.resolve_topic_name(topic)):
+                pair = quality, peer.qos_profile
+                level, why = qos_check_compatible(*(pair if qualities is offered else pair[::-1]))
+                if level == QoSCompatibility.ERROR:
+                    found.append(f"{topic} does not reach its {peer_is} {peer.node_name}: {why}")
+    return found
+
+
 class Relay:
     """Publishes and subscribes as the frames of its input say.
 
@@ -46,6 +69,8 @@ class Relay:
         self.publishers: dict[tuple[str, str], Any] = {}
         self.last: dict[tuple[str, str], bytes] = {}
         self.watched: set[str] = set()
+        self.offered: dict[str, Any] = {}
+        self.asked: dict[str, Any] = {}
         self.lock: threading.Lock = threading.Lock()
         node.create_timer(LOOK, self.look)
 
@@ -76,6 +101,7 @@ class Relay:
             self.last.pop(key, None)
         made = self.node.create_publisher(kind, head["topic"], quality)
         self.publishers[head["topic"], head["kind"]] = made
+        self.offered[head["topic"]] = quality
         self.watched.add(head["topic"])
         return None
 
@@ -84,7 +110,7 @@ class Relay:
         topic, kind = head["topic"], message_class(head["kind"])
         if kind is None:
             return self.put({"lacks": head["kind"]})
-        quality = self.quality(head["reliable"] or head["kept"], head["kept"])
+        quality = self.asked[topic] = self.quality(head["reliable"] or head["kept"], head["kept"])
 
         def take(data: bytes) -> None:
             self.put({"message": topic, "kind": head["kind"]}, bytes(data))
@@ -105,12 +131,13 @@ class Relay:
             self.last[key] = data
 
     def look(self) -> None:
-        """Say who listens."""
+        """Say who listens, and who cannot."""
         found = {}
         for topic in sorted(self.watched):
             every = self.node.get_subscriptions_info_by_topic(self.node.resolve_topic_name(topic))
             found[topic] = sorted({one.topic_type for one in every})
-        self.put({"listeners": found})
+        unmatched = mismatches(self.node, dict(self.offered), dict(self.asked))
+        self.put({"listeners": found, "mismatches": unmatched})
 
     def stop(self) -> None:
         """Send a velocity of zero where the last one was not."""

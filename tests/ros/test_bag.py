@@ -339,11 +339,44 @@ def test_malformed_messages_are_counted_and_the_rest_kept(tmp_path: Path) -> Non
     assert len(read_bag(tmp_path / "bag").rows("/obstacles")) == 108
 
 
-def test_a_sensor_that_hangs_upside_down_is_named(tmp_path: Path) -> None:
-    rows = people()
-    rows.append(("/tf_static", START, transform(START, "base", "lidar", MOUNT, np.pi)))
+@pytest.mark.parametrize("roll", [0.0, np.pi])
+def test_scans_of_a_sensor_that_hangs_upside_down_are_mirrored(
+    tmp_path: Path, roll: float
+) -> None:
+    rows = [("/tf_static", START, transform(START, "base", "lidar", MOUNT, roll))]
+    rows.append(("/scan", START + 0.01, scan(START)))
+    bag = read_bag(write_bag(tmp_path / "bag", rows))
+    (found,) = bag.scans("/scan", "base")
+    side = 1.0 if roll == 0.0 else -1.0
+    np.testing.assert_allclose(found.bearings, side * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(found.mount, MOUNT, atol=1e-12)
+    assert bag.notes == ()
+
+
+def test_a_sensor_that_tilts_is_named_and_not_used(tmp_path: Path) -> None:
+    rows = people(frame="lidar")
+    rows.append(("/tf_static", START, transform(START, "map", "lidar", MOUNT, 0.5)))
+    rows.append(("/scan", START + 0.01, scan(START)))
     bag = write_bag(tmp_path / "bag", rows)
-    assert note_of(bag) == "frames: 'lidar' tilts; only its yaw is used (1 times)"
+    assert note_of(bag) == "frames: 'lidar' tilts by more than 0.1 rad against 'map' (1 times)"
+    with pytest.raises(WideberthError, match="'lidar' tilts by"):
+        read_bag(bag).scans("/scan", "map")
+
+
+def test_obstacles_without_an_identity_of_their_own_are_named_by_place(tmp_path: Path) -> None:
+    """All have the identity of zeros: of each message the last one was taken, or none."""
+    rows = people()
+    for _, _, message in rows:
+        for one in message.obstacles:
+            one.uuid.uuid[:] = 0
+    found = read_bag_tracks(write_bag(tmp_path / "bag", rows), 0.1)
+    assert sorted(found.ids) == ["unnamed 1", "unnamed 2"]
+    places = found.positions[:, len(found.times) // 2]
+    middle = float(found.times[len(found.times) // 2] - found.times[0])
+    np.testing.assert_allclose(sorted(map(tuple, places)), sorted(walk(middle)), atol=0.02)
+    count = 2 * len(TIMES)
+    note = f"{count} obstacles without an identity of their own: named by place"
+    assert note in found.notes
 
 
 def test_simulated_time_counts_where_messages_have_no_stamp(tmp_path: Path) -> None:
