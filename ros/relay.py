@@ -50,7 +50,9 @@ def mismatches(node: Any, offered: dict[str, Any], asked: dict[str, Any]) -> lis
                 pair = quality, peer.qos_profile
                 level, why = qos_check_compatible(*(pair if qualities is offered else pair[::-1]))
                 if level == QoSCompatibility.ERROR:
-                    found.append(f"{topic} does not reach its {peer_is} {peer.node_name}: {why}")
+                    found.append(
+                        f"{topic} is not connected with the {peer_is} {peer.node_name}: {why}"
+                    )
     return found
 
 
