@@ -31,6 +31,10 @@ def message_class(kind: str) -> Any:
         return None
 
 
+POLICIES = (("reliability", "RELIABLE"), ("durability", "TRANSIENT_LOCAL"))
+"""Of a quality of service, and the value that a subscription gets only where it is offered."""
+
+
 def mismatches(node: Any, offered: dict[str, Any], asked: dict[str, Any]) -> list[str]:
     """Say which peers of a node are not connected, since their quality of service does not fit.
 
@@ -38,22 +42,27 @@ def mismatches(node: Any, offered: dict[str, Any], asked: dict[str, Any]) -> lis
     ----------
     node : of rclpy. offered, asked : quality of its publishers and subscriptions, by topic.
     """
-    from rclpy.qos import QoSCompatibility, qos_check_compatible
-
     found = []
-    for qualities, peers_of, peer_is in (
-        (offered, node.get_subscriptions_info_by_topic, "subscriber"),
-        (asked, node.get_publishers_info_by_topic, "publisher"),
-    ):
-        for topic, quality in sorted(qualities.items()):
-            for peer in peers_of(node.resolve_topic_name(topic)):
-                pair = quality, peer.qos_profile
-                level, why = qos_check_compatible(*(pair if qualities is offered else pair[::-1]))
-                if level == QoSCompatibility.ERROR:
-                    found.append(
-                        f"{topic} is not connected with the {peer_is} {peer.node_name}: {why}"
-                    )
+    for topic, quality in sorted(offered.items()):
+        for peer in node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic)):
+            why = unfit(quality, peer.qos_profile)
+            if why:
+                found.append(f"{topic} does not reach the subscriber {peer.node_name}, {why}")
+    for topic, quality in sorted(asked.items()):
+        for peer in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
+            why = unfit(peer.qos_profile, quality)
+            if why:
+                found.append(f"{topic} does not come from the publisher {peer.node_name}, {why}")
     return found
+
+
+def unfit(offered: Any, asked: Any) -> str:
+    """Say why a publisher's quality of service does not do for a subscription; "" if it does."""
+    for policy, strong in POLICIES:
+        wanted, given = getattr(asked, policy).name, getattr(offered, policy).name
+        if wanted == strong != given:
+            return f"its {policy} is {given}, and {wanted} is asked for"
+    return ""
 
 
 class Relay:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wideberth import Path
-from wideberth.ros.decoding import decode_message
+from wideberth.ros.decoding import OdometryMessage, decode_message
 from wideberth.ros.following import Following, PathFollower
 from wideberth.ros.frames import composed
 from wideberth.ros.messages import messages
@@ -169,6 +169,7 @@ def test_odometry_of_another_frame_is_taken_to_the_base(base: Any) -> None:
     own.take(decode_message(ODOMETRY, message), 0.0)
     assert own.newest is not None
     found = own.newest.decoded.content
+    assert isinstance(found, OdometryMessage) and found.covariance is not None
     wanted = [speed / rate * np.sin(0.8), speed / rate * (1.0 - np.cos(0.8)), 0.8]
     np.testing.assert_allclose(found.pose, wanted, atol=1e-9)
     np.testing.assert_allclose(found.twist, [speed, 0.0, rate], atol=1e-5)

@@ -1,6 +1,6 @@
 """Peers whose quality of service does not fit hear nothing: the node says so."""
 
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,7 +15,7 @@ def test_a_peer_that_is_not_connected_is_in_the_status() -> None:
     loop = Loop()
     loop.path()
     loop.turn()
-    for unmatched in ((), ("/cmd_vel is not connected with the subscriber base: durability",)):
+    for unmatched in ((), ("/cmd_vel does not reach the subscriber base",)):
         loop.network.unmatched = unmatched
         loop.node.publish_diagnostics()
         said = loop.network.wires["/diagnostics"].gone[-1].status[0]
@@ -23,33 +23,34 @@ def test_a_peer_that_is_not_connected_is_in_the_status() -> None:
         assert said.level == len(unmatched)
 
 
+def quality(reliability: str, durability: str) -> Any:
+    named = {"reliability": reliability, "durability": durability}
+    return SimpleNamespace(**{key: SimpleNamespace(name=value) for key, value in named.items()})
+
+
+STRONG, WEAK = quality("RELIABLE", "TRANSIENT_LOCAL"), quality("BEST_EFFORT", "VOLATILE")
+COMMANDS = quality("RELIABLE", "VOLATILE")
+
+
+@pytest.mark.parametrize(
+    ("offered", "asked", "why"),
+    [
+        (STRONG, WEAK, ""), (STRONG, STRONG, ""), (COMMANDS, WEAK, ""), (COMMANDS, COMMANDS, ""),
+        (WEAK, COMMANDS, "its reliability is BEST_EFFORT, and RELIABLE is asked for"),
+        (COMMANDS, STRONG, "its durability is VOLATILE, and TRANSIENT_LOCAL is asked for"),
+    ],
+)  # fmt: skip
 def test_what_a_link_offers_and_asks_for_is_compared_with_its_peers(
-    monkeypatch: pytest.MonkeyPatch,
+    offered: Any, asked: Any, why: str
 ) -> None:
-    """By the rule of ROS itself; here one that wants the two to be equal."""
-    quality = SimpleNamespace(ERROR="error")
-    peers = {"out": "volatile", "in": "kept"}
-
-    def check(offered: str, asked: str) -> tuple[str, str]:
-        return ("ok", "") if offered == asked else ("error", f"offers {offered}, asks {asked}")
-
-    qos = ModuleType("rclpy.qos")
-    qos.QoSCompatibility, qos.qos_check_compatible = quality, check  # type: ignore[attr-defined]
-    monkeypatch.setitem(__import__("sys").modules, "rclpy", ModuleType("rclpy"))
-    monkeypatch.setitem(__import__("sys").modules, "rclpy.qos", qos)
-
-    def of(side: str) -> Any:
-        return lambda topic: [SimpleNamespace(node_name="peer", qos_profile=peers[side])]
+    def of(one: Any) -> Any:
+        return lambda topic: [SimpleNamespace(node_name="peer", qos_profile=one)]
 
     node = SimpleNamespace(
-        resolve_topic_name=str, get_subscriptions_info_by_topic=of("out"),
-        get_publishers_info_by_topic=of("in"),
+        resolve_topic_name=str, get_subscriptions_info_by_topic=of(asked),
+        get_publishers_info_by_topic=of(offered),
     )  # fmt: skip
     link = RosLink(node)
-    link._offered, link._asked = {"/cmd_vel": "volatile"}, {"/tf_static": "kept"}
-    assert link.mismatches() == ()
-    peers.update(out="kept", **{"in": "volatile"})
-    assert link.mismatches() == (
-        "/cmd_vel is not connected with the subscriber peer: offers volatile, asks kept",
-        "/tf_static is not connected with the publisher peer: offers volatile, asks kept",
-    )
+    link._offered, link._asked = {"/cmd_vel": offered}, {"/plan": asked}
+    said = ("/cmd_vel does not reach the subscriber", "/plan does not come from the publisher")
+    assert link.mismatches() == (tuple(f"{words} peer, {why}" for words in said) if why else ())

@@ -190,6 +190,7 @@ def test_covariances_turn_with_the_frame_of_the_message() -> None:
     loop.come("/obstacles", message)
     loop.turn(people=False)
     (seen,) = loop.controller.seen[-1].detections
+    assert seen.covariance is not None
     turn = np.array([[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]])
     wanted = turn @ np.array([[0.09, 0.01], [0.01, 0.04]]) @ turn.T
     np.testing.assert_allclose(seen.covariance, wanted, atol=1e-12)
