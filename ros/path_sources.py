@@ -337,7 +337,7 @@ class GoalPlanner:
         assert self._walls is not None
         if request.moved(self._placed):
             back = inverted(request.motion)
-            self.walls = tuple(_moved_wall(one, back) for one in self._walls[2])
+            self.walls = tuple(_moved(one, back) for one in self._walls[2])
             self._placed = request.motion
 
 
@@ -357,16 +357,16 @@ def cropped(grid: OccupancyGrid, centre: Array, reach: float) -> OccupancyGrid |
     return OccupancyGrid(cells, grid.resolution, (float(x), float(y)))
 
 
-def _moved(points: Array, motion: Array) -> Array:
+def _points_in(points: Array, motion: Array) -> Array:
     """Return points (P, 2) in the frame in which their own has this pose."""
     poses = np.column_stack([points, np.zeros(len(points))])
     with np.errstate(over="ignore", invalid="ignore"):  # a path refuses what is absurd
         return np.asarray(composed(motion, poses)[:, :2])
 
 
-def _moved_wall(polygon: Polygon, motion: Array) -> Polygon:
+def _moved(polygon: Polygon, motion: Array) -> Polygon:
     """Return a polygon in the frame in which its own has this pose."""
-    return Polygon(tuple(map(tuple, _moved(polygon.points, motion).tolist())), polygon.name)
+    return Polygon(tuple(map(tuple, _points_in(polygon.points, motion).tolist())), polygon.name)
 
 
 @final
@@ -408,6 +408,8 @@ class FramedPath:
         if own.newest is None:
             return False
         frame, here = self.end.frame, own.pose
+        if not (np.abs(here) <= FARTHEST).all():  # odometry has gone astray: it says nothing
+            return False
         motion = own.motion(own.frame, frame)
         if motion is None:
             words = f"no motion connects the path's frame {frame!r} with odometry"
@@ -426,7 +428,7 @@ class FramedPath:
         if len(self._points) == 1:
             self._points = _straight(where, self._points[0])
         try:
-            path = Path(_moved(self._points, motion))
+            path = Path(_points_in(self._points, motion))
         except WideberthError as error:
             self.flaw = f"path: {error}"
             return False
@@ -434,7 +436,7 @@ class FramedPath:
             self._progress = PathProgress(path)
         else:  # the search for the robot begins where it was on the path before
             arc, place = self._progress.last
-            before = _moved(_moved(place[None], inverted(self._motion)), motion)[0]
+            before = _points_in(_points_in(place[None], inverted(self._motion)), motion)[0]
             self._progress = PathProgress(path, (arc, before))
         self._progress, _ = self._progress.advanced(here[:2])
         self.path = path if self._motion is None else self._progress.rest
