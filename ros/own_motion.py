@@ -75,16 +75,9 @@ class OwnMotion:
         numbers = np.concatenate([motion.pose, motion.twist])
         if not np.isfinite(numbers).all():
             raise WideberthError("odometry is not finite")
-        base = self.motion(motion.child, self._base) if motion.child else np.zeros(3)
-        self.unplaced = ""
-        if base is None:
-            words = f"no motion connects the odometry's child frame {motion.child!r} with"
-            self.unplaced = self.flaw(motion.child) or f"{words} {self._base!r}"
-            raise WideberthError(self.unplaced)
-        if base.any():
-            motion = _carried(motion, base)
-            numbers = np.concatenate([motion.pose, motion.twist])
-            decoded = replace(decoded, content=motion)
+        motion = self._of_base(motion)
+        numbers = np.concatenate([motion.pose, motion.twist])
+        decoded = replace(decoded, content=motion)
         if (
             decoded.stamp
             and self.newest is not None
@@ -102,6 +95,16 @@ class OwnMotion:
         if self._rows and row[0] == self._rows[-1][0]:
             self._rows.pop()
         self._rows.append(row)
+
+    def _of_base(self, motion: OdometryMessage) -> OdometryMessage:
+        """Return the motion of the robot's base; `unplaced` says why there is none."""
+        base = self.motion(motion.child, self._base) if motion.child else np.zeros(3)
+        self.unplaced = ""
+        if base is None:
+            words = f"no motion connects the odometry's child frame {motion.child!r} with"
+            self.unplaced = self.flaw(motion.child) or f"{words} {self._base!r}"
+            raise WideberthError(self.unplaced)
+        return _carried(motion, base) if base.any() else motion
 
     @property
     def stands(self) -> bool:
