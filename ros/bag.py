@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, final
 
@@ -27,7 +27,7 @@ from .decoding import (
     PathMessage,
     Transforms,
     decode_message,
-    tilted,
+    mounted,
 )
 from .frames import FrameTree
 from .messages import Messages, messages
@@ -135,20 +135,16 @@ class Bag:
 
         Raises
         ------
-        WideberthError : no such topic, or no transform from its frame to the robot's.
+        WideberthError : no such topic, or no transform from its frame to the robot's, or it tilts.
         """
         found = []
         for time, decoded, _ in self.rows(topic):
             if isinstance(decoded.content, Scan):
                 scan = decoded.content
-                mount = self.frames.motion(base, decoded.frame, [time])[0]
-                if np.isfinite(mount).all():
-                    found.append(
-                        Scan(
-                            topic, time + scan.times, scan.bearings, scan.ranges,
-                            scan.deviation, scan.longest, mount,
-                        )
-                    )  # fmt: skip
+                mounts, mirrored = self.frames.placement(base, decoded.frame, [time])
+                if np.isfinite(mounts[0]).all():
+                    scan = replace(scan, sensor=topic, times=time + scan.times)
+                    found.append(mounted(scan, mounts[0], mirrored))
         return tuple(found)
 
     def motions(self, topic: str) -> tuple[Array, Array, Array]:
@@ -341,11 +337,9 @@ def _frames(timed: Mapping[str, tuple[Timed, ...]]) -> FrameTree:
     for name, rows in timed.items():
         for time, decoded, _ in rows:
             if isinstance(decoded.content, Transforms):
-                for parent, child, stamp, pose, _ in decoded.content.rows:
+                for parent, child, stamp, pose, tilt in decoded.content.rows:
                     own = time + NANO * (stamp - decoded.stamp)
-                    tree.add(parent, child, own, pose, static=name.endswith("tf_static"))
-            for child in tilted(decoded.content):
-                tree.notes[f"{child!r} tilts; only its yaw is used"] = 1
+                    tree.add(parent, child, own, pose, name.endswith("tf_static"), tilt)
     known = {*tree.names, ""}
     for rows in timed.values():
         for time, decoded, _ in rows:

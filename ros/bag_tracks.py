@@ -13,6 +13,7 @@ from ..framework.values.errors import WideberthError
 from .bag import Bag, Timed, read_bag
 from .decoding import OBSTACLES, ObstaclesMessage, OdometryMessage
 from .frames import composed
+from .naming import ObstacleNames
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 
@@ -108,32 +109,46 @@ def _samples(bag: Bag, topics: Iterable[str], fixed: str) -> _Samples:
     """Collect positions by identity, in the fixed frame."""
     found = _Samples({}, {}, [], ())
     lost: dict[str, int] = {}
+    nameless = 0
     for topic in topics:
         rows = bag.rows(topic)
+        senders: dict[int, ObstacleNames] = {}
         for row, pose in zip(rows, _poses(bag, rows, fixed, lost), strict=True):
             if not np.isfinite(pose).all():
                 continue
-            for ident, place, radius in _who(topic, row):
-                if not ident or not np.isfinite(place).all():
-                    reason = "without identity" if not ident else "that are not finite"
-                    lost[f"obstacles {reason}"] = lost.get(f"obstacles {reason}", 0) + 1
+            names = senders.setdefault(row.source, ObstacleNames())
+            for ident, place, radius in _who(topic, row, pose, names):
+                if not np.isfinite(place).all():
+                    reason = "obstacles that are not finite"
+                    lost[reason] = lost.get(reason, 0) + 1
                     continue
                 found.times.setdefault(ident, []).append(row.time)
-                found.places.setdefault(ident, []).append(composed(pose, place)[:2])
-                found.radii.extend([radius] if np.isfinite(radius) else [])
+                found.places.setdefault(ident, []).append(place)
+                if radius is not None and np.isfinite(radius):
+                    found.radii.append(radius)
+            nameless += names.count
     notes = tuple(f"left out: {count} {what}" for what, count in sorted(lost.items()))
+    if nameless:
+        notes += (f"{nameless} obstacles without an identity of their own: named by place",)
     return _Samples(found.times, found.places, found.radii, notes)
 
 
-def _who(topic: str, row: Timed) -> list[tuple[str, Array, float]]:
-    """Return identity, pose and radius of each obstacle in a message."""
+def _who(
+    topic: str, row: Timed, pose: Array, names: ObstacleNames
+) -> list[tuple[str, Array, float | None]]:
+    """Return identity, place and radius of each obstacle in a message, of a frame with a pose."""
     mark = f" ({row.source + 1})" if row.source else ""
     content = row.decoded.content
     if isinstance(content, OdometryMessage):
-        return [(f"{topic}{mark}", content.pose, float("nan"))]
-    if isinstance(content, ObstaclesMessage):
-        return [(one.ident and one.ident + mark, one.pose, one.radius) for one in content.seen]
-    return []
+        return [(f"{topic}{mark}", composed(pose, content.pose)[:2], None)]
+    if not isinstance(content, ObstaclesMessage):
+        return []
+    places = composed(pose, np.array([one.pose for one in content.seen]).reshape(-1, 3))[:, :2]
+    idents = names.named(row.time, [one.ident for one in content.seen], places)
+    return [
+        (ident + mark, place, one.radius)
+        for ident, place, one in zip(idents, places, content.seen, strict=True)
+    ]
 
 
 def _poses(bag: Bag, rows: tuple[Timed, ...], fixed: str, lost: dict[str, int]) -> Array:

@@ -1,7 +1,7 @@
 """Messages of ROS 2 as values of ours, in the frame of the message."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, final
 
 import numpy as np
@@ -10,7 +10,7 @@ from ..framework.values.arrays import Array
 from ..framework.values.errors import WideberthError
 from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.sensing import Scan
-from .frames import TILT, tilt_of, yaw_of
+from .frames import tilt_of, yaw_of
 
 
 @final
@@ -38,7 +38,7 @@ class ObstacleMessage:
     ----------
     ident : identity; "" where the message states none.
     pose : (3,), x, y in m and heading in rad.
-    radius : m, of the disc around it; NaN where its size is not stated.
+    radius : m, of the disc around it; None where its size is not stated.
     velocity : (2,), m/s, or None.
     covariance : (2, 2), m^2, of the position, or None where the message holds zeros.
     velocity_covariance : (2, 2), (m/s)^2, or None.
@@ -47,7 +47,7 @@ class ObstacleMessage:
 
     ident: str
     pose: Array
-    radius: float
+    radius: float | None
     velocity: Array | None = None
     covariance: Array | None = None
     velocity_covariance: Array | None = None
@@ -186,14 +186,18 @@ def _plane(numbers: Any, size: int) -> Array | None:
     return _stated(np.asarray(numbers, dtype=np.float64).reshape(size, size)[:2, :2])
 
 
-def _width(size: Any) -> float:
-    """Return the radius of the disc around a box; NaN for a box without extent."""
-    half = 0.5 * float(np.hypot(size.x, size.y))
-    return half if half > 0.0 else float("nan")
+def _size(radius: float) -> float | None:
+    """Return a radius, or None for the zero of a sender that does not know it."""
+    return float(radius) if radius else None
 
 
 def _name(uuid: bytes) -> str:
-    """Return the name that an identity of ours holds, see `encoding.identity`; else its digits."""
+    """Return the name that an identity of ours holds, see `encoding.identity`; else its digits.
+
+    All zeros are none.
+    """
+    if not any(uuid):
+        return ""
     text = uuid.rstrip(b"\0").decode("latin-1")
     return text if text and text.isascii() and text.isprintable() else uuid.hex()
 
@@ -204,7 +208,7 @@ def _obstacle_array(message: Any) -> ObstaclesMessage:
             ObstacleMessage(
                 _name(bytes(np.asarray(one.uuid.uuid, np.uint8))),
                 np.array([one.position.x, one.position.y, 0.0]),
-                0.5 * max(one.size.x, one.size.y) or float("nan"),
+                _size(0.5 * float(np.max([one.size.x, one.size.y]))),
                 np.array([one.velocity.x, one.velocity.y]),
                 _plane(one.position_covariance, 3),
                 _plane(one.velocity_covariance, 3),
@@ -218,17 +222,16 @@ def _costmap_obstacles(message: Any) -> ObstaclesMessage:
     seen = []
     for one in message.obstacles:
         corners = np.array([(point.x, point.y) for point in one.polygon.points], dtype=np.float64)
-        if not len(corners):
-            continue
-        centre = corners.mean(axis=0)
-        reach = float(np.linalg.norm(corners - centre, axis=1).max()) + float(one.radius)
+        centre = corners.mean(axis=0) if len(corners) else np.full(2, np.nan)  # it has no place
+        away = np.linalg.norm(corners.reshape(-1, 2) - centre, axis=1)
+        reach = float(away.max(initial=0.0)) + float(one.radius)
         turn, speed = one.orientation, one.velocities.twist.linear
         heading = float(yaw_of(turn.x, turn.y, turn.z, turn.w))
         seen.append(
             ObstacleMessage(
                 str(one.id) if one.id >= 0 else "",
                 np.array([*centre, heading]),
-                reach if reach > 0.0 else float("nan"),
+                _size(reach),
                 np.array([speed.x, speed.y]),
                 None,
                 _plane(one.velocities.covariance, 6),
@@ -265,11 +268,10 @@ def _mixture(message: Any) -> Mixture | None:
 
 
 def _gaussian_obstacles(message: Any) -> ObstaclesMessage:
-    none = float("nan")
     return ObstaclesMessage(
         tuple(
             ObstacleMessage(
-                *(str(one.id) if one.id >= 0 else "", pose_of(one.pose), none),
+                *(str(one.id) if one.id >= 0 else "", pose_of(one.pose), None),
                 forecast=_mixture(one),
             )
             for one in message.obstacles
@@ -283,7 +285,7 @@ def _boxes(message: Any) -> ObstaclesMessage:
             ObstacleMessage(
                 one.id,
                 pose_of(one.bbox.center),
-                _width(one.bbox.size),
+                _size(0.5 * float(np.hypot(one.bbox.size.x, one.bbox.size.y))),
                 None,
                 _plane(one.results[0].pose.covariance, 6) if one.results else None,
             )
@@ -313,11 +315,14 @@ def _transforms(message: Any) -> Transforms:
 
 
 def scan_of(message: Any) -> Scan:
-    """Return a scan; times are from its first beam, ranges beyond the sensor's are none."""
+    """Return a scan; times are from its first beam.
+
+    A beam at the longest range, or beyond it, has met nothing: many drivers say so.
+    """
     ranges = np.array(message.ranges, dtype=np.float64)
     count = np.arange(len(ranges), dtype=np.float64)
     least, most = float(message.range_min), float(message.range_max)
-    ranges = np.where(ranges < least, np.nan, np.where(ranges > most, np.inf, ranges))
+    ranges = np.where(ranges < least, np.nan, np.where(ranges >= most, np.inf, ranges))
     return Scan(
         message.header.frame_id,
         np.asarray(float(message.time_increment) * count),
@@ -327,15 +332,26 @@ def scan_of(message: Any) -> Scan:
     )
 
 
-def _path(message: Any) -> PathMessage:
-    places = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
-    points = np.array(places, dtype=np.float64).reshape(-1, 2)
+def mounted(scan: Scan, mount: Array, mirrored: bool) -> Scan:
+    """Return a scan of a sensor with a pose on the robot, (3,), upside down if ``mirrored``."""
+    bearings = -scan.bearings if mirrored else scan.bearings
+    return replace(scan, bearings=np.asarray(bearings), mount=mount)
+
+
+def distinct(points: Array) -> Array:
+    """Return points (P, 2) without those that repeat the one before."""
     new = np.ones(len(points), dtype=bool)
     new[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
+    return np.asarray(points[new])
+
+
+def _path(message: Any) -> PathMessage:
+    places = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
+    points = distinct(np.array(places, dtype=np.float64).reshape(-1, 2))
     turns = [one.pose.orientation for one in message.poses]
     if all((one.x, one.y, one.z, one.w) == (0.0, 0.0, 0.0, 1.0) for one in turns):
-        return PathMessage(points[new])  # as quaternions begin: the sender left them so
-    return PathMessage(points[new], heading_of(message.poses[-1].pose))
+        return PathMessage(points)  # as quaternions begin: the sender left them so
+    return PathMessage(points, heading_of(message.poses[-1].pose))
 
 
 def _goal(message: Any) -> Goal:
@@ -402,10 +418,3 @@ def decode_message(kind: str, message: Any) -> DecodedMessage:
         raise WideberthError(f"it is of another definition: {error}") from None
     except (IndexError, OverflowError, TypeError, ValueError) as error:
         raise WideberthError(f"its numbers are of no use: {error}") from None
-
-
-def tilted(content: Content) -> tuple[str, ...]:
-    """Return the frames of a message that tilt by more than `TILT`."""
-    if not isinstance(content, Transforms):
-        return ()
-    return tuple(child for _, child, _, _, tilt in content.rows if tilt > TILT)

@@ -157,14 +157,12 @@ class PathFollower(Follower):
 
         Parameters
         ----------
-        frame : of the path. points : (P, 2), m.
+        frame : of the path. points : (P, 2), m; one leads there straight, as with Nav2.
         heading : rad, wanted at its end; NaN for any. It is passed over where the robot cannot
             turn on the spot.
         """
-        if len(points) < 2:
-            return End(
-                ResultCode.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least"
-            )
+        if not len(points):
+            return End(ResultCode.INVALID_PATH, "the path has no poses; wanted one at least")
         if self.node.motion is None:
             return End(ResultCode.TF_ERROR, NO_ODOMETRY)
         if not self.node.follow(frame, points):

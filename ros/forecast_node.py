@@ -262,11 +262,11 @@ class ForecastNode:
         self._taken, self.counts.seen = placed, self.counts.seen + 1
         view = self._source.view(self._own, now)
         for detections in (*view.earlier, view.detections):
-            self._notice(Observation(now, self._pose, detections))
+            self._notice(Observation(now, self._own.pose, detections))
         return None
 
     def _notice(self, observation: Observation) -> None:
-        for note in self._forecaster.take(observation, self._pose[:2], 0.0):
+        for note in self._forecaster.take(observation, self._own.pose[:2], 0.0):
             self._refuse(note)
 
     def _refuse(self, why: str) -> None:
@@ -277,31 +277,26 @@ class ForecastNode:
     def _instant(self, stamp: int) -> float:
         """Return an instant of the node's clock, ns, on that of the odometry, s; NaN if unknown.
 
-        By stamps, or where those do not agree with the node's clock by when they came: that
-        trembles, and does not go back unless a clock is set.
+        By stamps, or where the odometry's is of another clock than the node's by when it came:
+        that trembles, and does not go back unless a clock is set.
         """
         if isinstance(self.settings.area, FixedArea):
             still = OdometryMessage("", np.zeros(3), np.zeros(3))
             self._own.take(DecodedMessage(stamp, self.settings.area.frame, still), 1e-9 * stamp)
         found = self._own.instant_of(stamp, 1e-9 * stamp)
+        if abs(found - self._own.now) > OLDEST:
+            found = self._own.instant_of(0, 1e-9 * stamp)
         if self._now - OLDEST < found < self._now:
             return self._now
         self._now = found if np.isfinite(found) else self._now
         return found
-
-    @property
-    def _pose(self) -> Array:
-        """The newest pose of the robot, (3,)."""
-        newest = self._own.newest
-        assert newest is not None and isinstance(newest.decoded.content, OdometryMessage)
-        return newest.decoded.content.pose
 
     def waits_for(self) -> str:
         """Return what is silent, and so what forecasts lack; "" where nothing is."""
         now, patience, seen = 1e-9 * self._wall(), self.settings.patience, self._source.newest
         what = "obstacles" if isinstance(self.settings.sees, ObstacleTopic) else "scans"
         if self._own.newest is None:
-            return "waiting for odometry"
+            return self._own.unplaced or "waiting for odometry"
         if now - self._own.newest.time > patience:
             return f"odometry is silent for {now - self._own.newest.time:.2g} s"
         if seen is None:
@@ -330,7 +325,7 @@ class ForecastNode:
         self.status = self.waits_for() or WELL
         if not np.isfinite(now) or self._source.newest is None:
             return False
-        self._notice(Observation(now, self._pose))  # who is silent for long is dropped
+        self._notice(Observation(now, self._own.pose))  # who is silent for long is dropped
         found = self._forecaster.at(now, self.settings.cells.times)
         self._instead = [] if found is None else [why for why in found[1].fallback if why]
         encoder = MessageEncoder(stamp - round(1e9 * now), self._own.frame, self._known)
@@ -370,7 +365,7 @@ class ForecastNode:
         corner = (
             np.array([area.x, area.y])
             if isinstance(area, FixedArea)
-            else (side * np.round(self._pose[:2] / side - 0.5 * np.array([wide, high])))
+            else (side * np.round(self._own.pose[:2] / side - 0.5 * np.array([wide, high])))
         )
         return OccupancyGrid(np.zeros((high, wide), np.int8), side, tuple(corner))
 
@@ -393,6 +388,8 @@ class ForecastNode:
                                                                  "failures")}  # fmt: skip
         if counts.spent:
             numbers["forecast median, ms"] = f"{1e3 * float(np.median(counts.spent)):.1f}"
+        if self._source.unnamed:
+            numbers["without an identity"] = str(self._source.unnamed)
         if self._instead:
             numbers["by another method"] = f"{len(self._instead)}, {short(self._instead[0])}"
         encoder = MessageEncoder(0, "", self._known)

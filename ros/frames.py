@@ -1,8 +1,8 @@
 """Frames of a robot in the plane, and the motions between them over time (tf)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from math import pi
+from math import inf, pi
 from typing import final
 
 import numpy as np
@@ -14,7 +14,9 @@ from ..framework.values.errors import WideberthError, nearest
 SLACK = 0.5
 """s, for which a motion is taken to stay as it was before its first and after its last report."""
 TILT = 0.1
-"""rad, of the vertical axis; a frame that tilts more than this is not one of the plane."""
+"""rad, of the vertical axis; a frame of the plane is upright or upside down within this."""
+MIRROR = np.array([1.0, -1.0, -1.0])
+"""Turns a motion into the same one as a frame that is upside down states it."""
 
 
 def yaw_of(x: ArrayLike, y: ArrayLike, z: ArrayLike, w: ArrayLike) -> Array:
@@ -77,21 +79,36 @@ class _Edge:
 
     parent: str
     static: bool
-    rows: list[tuple[float, float, float, float]] = field(default_factory=list)
+    rows: list[tuple[float, float, float, float, float]] = field(default_factory=list)
     table: Array | None = None
+    tilt: float = inf
+    """Least tilt of all reports against upright and upside down, rad."""
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether the frame is upside down in its parent."""
+        return self.rows[-1][4] > 0.5 * pi
 
     def at(self, times: Array) -> Array:
-        """Poses at these times, (T, 3); NaN where nothing is known."""
+        """Poses at these times, (T, 3); NaN where nothing is known, and where the frame tilts."""
         if self.table is None:
             rows = np.array(sorted(self.rows))
             rows[:, 3] = np.unwrap(rows[:, 3])
+            rows[[_tilt(row) > TILT for row in rows], 1:] = np.nan
             self.table = rows
         if self.static:
-            return np.broadcast_to(self.table[-1, 1:], (len(times), 3))
+            return np.broadcast_to(self.table[-1, 1:4], (len(times), 3))
         clock = self.table[:, 0]
-        found = np.stack([np.interp(times, clock, column) for column in self.table.T[1:]], axis=-1)
+        found = np.stack(
+            [np.interp(times, clock, column) for column in self.table.T[1:4]], axis=-1
+        )
         found[(times < clock[0] - SLACK) | (times > clock[-1] + SLACK)] = np.nan
         return found
+
+
+def _tilt(row: Sequence[float]) -> float:
+    """Return by how much the frame of a report is neither upright nor upside down, rad."""
+    return min(row[4], pi - row[4])
 
 
 @final
@@ -99,7 +116,8 @@ class FrameTree:
     """A tree of frames, each with its pose in its parent over time.
 
     Between two reports a pose is interpolated, the yaw the shorter way round. Of a static frame
-    the last report holds at all times, and no other is kept.
+    the last report holds at all times, and no other is kept. Frames are upright or upside down,
+    within `TILT`; one that tilts otherwise has no pose.
 
     Examples
     --------
@@ -117,19 +135,26 @@ class FrameTree:
         """What was wrong with reports -> how often."""
 
     def add(
-        self, parent: str, child: str, time: float, pose: Iterable[float], static: bool = False
+        self,
+        parent: str,
+        child: str,
+        time: float,
+        pose: Iterable[float],
+        static: bool = False,
+        tilt: float = 0.0,
     ) -> None:
         """Take a report of a frame's pose in its parent: x, y in m, yaw in rad, at a time in s.
 
         A report that is not finite, is beyond `FARTHEST`, or would close a circle, is left out;
-        of two parents the later one counts. `notes` says so.
+        of two parents the later one counts. `notes` says so. ``tilt`` is the angle between the
+        vertical axes of the two, rad.
         """
-        row = (float(time), *map(float, pose))
+        row = (float(time), *map(float, pose), float(tilt))
         if not np.isfinite(row).all():
             return self._note(f"a pose of {child!r} is not finite")
         if not (np.abs(row[1:]) <= FARTHEST).all():
             return self._note(f"a pose of {child!r} is beyond {FARTHEST:g}")
-        if child == parent or child in self._above(parent):
+        if child == parent or child in self.above(parent):
             return self._note(f"{child!r} in {parent!r} closes a circle of frames")
         edge = self._edges.get(child)
         if edge is None or edge.parent != parent:
@@ -139,7 +164,11 @@ class FrameTree:
         edge.static, edge.table = static, None
         if static:
             edge.rows.clear()
+            edge.tilt = inf
         edge.rows.append(row)  # type: ignore[arg-type]
+        edge.tilt = min(edge.tilt, _tilt(row))
+        if _tilt(row) > TILT:
+            self._note(f"{child!r} tilts by more than {TILT:g} rad against {parent!r}")
         return None
 
     @property
@@ -150,7 +179,7 @@ class FrameTree:
 
     def root(self, name: str) -> str:
         """Return the frame at the top of the tree that a frame belongs to."""
-        return ([name, *self._above(name)])[-1]
+        return ([name, *self.above(name)])[-1]
 
     def motion(self, target: str, source: str, times: ArrayLike) -> Array:
         """Return the poses of one frame in another, (T, 3): x, y in m, yaw in rad.
@@ -164,24 +193,57 @@ class FrameTree:
 
         Raises
         ------
-        WideberthError : no transform connects the two.
+        WideberthError : no transform connects the two, or one tilts or is upside down against the
+            other.
+        """
+        poses, mirrored = self.placement(target, source, times)
+        if mirrored:
+            raise WideberthError(
+                f"{source!r} is upside down against {target!r}; only a LiDAR may be: let the "
+                f"sender state its messages in {target!r}"
+            )
+        return poses
+
+    def placement(self, target: str, source: str, times: ArrayLike) -> tuple[Array, bool]:
+        """Return the poses of `motion`, and whether the one frame is upside down in the other.
+
+        A place (u, v) of a frame that is upside down, with the pose (x, y, yaw), is at::
+
+            (x, y) + Rot(yaw) (u, -v)
+
+        Raises
+        ------
+        WideberthError : no transform connects the two, or one tilts against the other.
         """
         clock = np.asarray(times, dtype=np.float64)
-        up, down = ([one, *self._above(one)] for one in (source, target))
+        up, down = ([one, *self.above(one)] for one in (source, target))
         if up[-1] != down[-1]:
             near = nearest(source, {*self.names} - {source})
             raise WideberthError(f"no frame connects {source!r} with {target!r}{near}")
         common = next(one for one in up if one in down)
-        return composed(inverted(self._chain(down, common, clock)), self._chain(up, common, clock))
+        outer, turned = self._chain(down, common, clock)
+        inner, mirrored = self._chain(up, common, clock)
+        back = inverted(outer)
+        if turned:
+            back, inner = back * MIRROR, inner * MIRROR
+        return composed(back, inner), turned != mirrored
 
-    def _chain(self, names: list[str], top: str, times: Array) -> Array:
-        """Poses of the first frame in the one called ``top``."""
-        found = np.zeros((len(times), 3))
+    def _chain(self, names: list[str], top: str, times: Array) -> tuple[Array, bool]:
+        """Poses of the first frame in the one called ``top``, and whether it is upside down."""
+        found, mirrored = np.zeros((len(times), 3)), False
         for name in names[: names.index(top)]:
-            found = composed(self._edges[name].at(times), found)
-        return found
+            edge = self._edges[name]
+            if edge.tilt > TILT:
+                raise WideberthError(
+                    f"{name!r} tilts by {edge.tilt:.2g} rad against {edge.parent!r}; a frame of "
+                    f"the plane is upright or upside down, within {TILT:g} rad"
+                )
+            found = composed(edge.at(times), found * MIRROR if edge.mirrors else found)
+            mirrored ^= edge.mirrors
+        return found, mirrored
 
-    def _above(self, name: str) -> list[str]:
+    def above(self, name: str) -> list[str]:
+        """Return the frames above one, up to the top of its tree."""
         found = []
         while (edge := self._edges.get(name)) is not None:
             name = edge.parent

@@ -14,6 +14,7 @@ import numpy as np
 from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError
 from .encoding import MessageTypes
+from .relay import mismatches
 
 QUEUE = 10
 """Messages that wait to be sent or taken, as by default in ROS 2."""
@@ -68,6 +69,10 @@ class Transport(Protocol):
 
     def listeners(self, topic: str) -> frozenset[str]:
         """Return the types of messages that the subscribers of a topic take."""
+        ...
+
+    def mismatches(self) -> tuple[str, ...]:
+        """Say which peers are not connected, since their quality of service does not fit ours."""
         ...
 
 
@@ -167,6 +172,9 @@ class RosLink:
         self._node = node
         self._made: list[tuple[Callable[[Any], Any], Any]] = []
         self._publishers: dict[str, Any] = {}
+        self._offered: dict[str, Any] = {}
+        self._asked: dict[str, Any] = {}
+        """Topic -> quality of service of our publisher, and of our subscription."""
 
     def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Publisher:
         """Return a publisher, see `Transport.publisher`."""
@@ -174,7 +182,7 @@ class RosLink:
         if topic in self._publishers:  # a process of Fast DDS knows one type a topic
             self._node.destroy_publisher(self._publishers[topic])
         made = self._node.create_publisher(message_class(kind), topic, quality)
-        self._publishers[topic] = made
+        self._publishers[topic], self._offered[topic] = made, quality
         self._made.append((self._node.destroy_publisher, made))
         return _RosPublisher(made)
 
@@ -183,6 +191,7 @@ class RosLink:
     ) -> None:
         """Subscribe to a topic, see `Transport.subscriber`."""
         quality = _quality(reliable or kept, kept, QUEUE)
+        self._asked[topic] = quality
         made = self._node.create_subscription(message_class(kind), topic, take, quality)
         self._made.append((self._node.destroy_subscription, made))
 
@@ -191,6 +200,10 @@ class RosLink:
         topic = self._node.resolve_topic_name(topic)
         found = self._node.get_subscriptions_info_by_topic(topic)
         return frozenset(str(one.topic_type) for one in found)
+
+    def mismatches(self) -> tuple[str, ...]:
+        """Say which peers are not connected, see `Transport.mismatches`."""
+        return tuple(mismatches(self._node, self._offered, self._asked))
 
     def close(self) -> None:
         """Take all publishers and subscribers away."""

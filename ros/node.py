@@ -18,7 +18,7 @@ from ..framework.controller import Controller, avoids_polygons
 from ..framework.mpc.planner.in_time import VelocityInTime
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
-from ..framework.values.arrays import Array
+from ..framework.values.arrays import Array, checked_covariance
 from ..framework.values.errors import WideberthError, short
 from ..framework.values.motion import Command, Observation, Pose, Twist
 from ..framework.values.occupancy_grid import OccupancyGrid
@@ -37,7 +37,6 @@ from .decoding import (
     decode_message,
 )
 from .encoding import MessageEncoder
-from .frames import composed
 from .link import Publisher, Transport
 from .node_settings import NodeSettings
 from .obstacle_sources import (
@@ -50,6 +49,7 @@ from .obstacle_sources import (
 )
 from .own_motion import OwnMotion, ReceivedMessage
 from .path_sources import (
+    FramedPath,
     GoalPlanner,
     GoalTopic,
     MapTopic,
@@ -59,8 +59,6 @@ from .path_sources import (
     SpinGoal,
 )
 
-LONGEST_PATH = 10_000
-"""Points; a longer path is thinned out."""
 MOST_BEAMS, MOST_CELLS = 50_000, 25_000_000
 """Of a scan and of a map that are looked at; larger ones are refused."""
 LOOK = 0.5
@@ -142,12 +140,15 @@ class PlannerNode:
         self.active: bool = True
         """Whether it may drive; otherwise it brakes to a stand, and is silent then."""
         self._clock, self._wall = clock, wall
-        self._known = link.known
+        self._known, self._link = link.known, link
         self._own = OwnMotion(settings.base_frame)
-        self._path: Path | None = None
+        self._course: FramedPath | None = None
+        """The path that is followed."""
+        self._next_course: FramedPath | None = None
+        """The path that takes its place as soon as it can be laid."""
         self._fresh_path = False
-        self._ends, self._end = True, SpinGoal("", np.nan)
-        """Whether a path ends by itself where the robot reaches its end, and how it faces then."""
+        self._ends = True
+        """Whether a path ends by itself where the robot reaches its end."""
         self._wanted: VelocityInTime | None = None
         self._last: Array | None = None
         self._command: Array | None = None
@@ -163,6 +164,8 @@ class PlannerNode:
         self.odometry_came: threading.Event = threading.Event()
         """Set with each odometry."""
         self._lock = threading.RLock()
+        self._covariance: Array | None = None
+        """The last covariance of odometry that was one, (3, 3)."""
         self._obstacles: ObstacleSource | None = None
         self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None
@@ -248,7 +251,7 @@ class PlannerNode:
                 self._own.take(decoded, now)
                 self.odometry_came.set()
             elif isinstance(content, PathMessage):
-                self._take_path(decoded.frame, content.points, content.heading)
+                self._take_path(FramedPath(decoded.frame, content.points, content.heading))
                 self._ends = True
             elif isinstance(content, Goal | OccupancyGrid) and self._goals is not None:
                 self._goals.receive(decoded)
@@ -281,17 +284,17 @@ class PlannerNode:
         Its end is up to the caller, see `turn` and `halt`.
         """
         with self._lock:
-            refused, self._turn = self.counts.refused, None
-            self._take_path(frame, points)
-            self._ends = False
-            return self._path is not None and self.counts.refused == refused
+            self._turn = None
+            self._take_path(FramedPath(frame, points))
+            waiting, self._next_course, self._ends = self._next_course, None, False
+            return waiting is None and self._course is not None
 
     def halt(self) -> None:
         """Forget the path and the goal: the robot brakes."""
         with self._lock:
             if self._goals is not None:
                 self._goals.forget()
-            self._take_path("", np.zeros((0, 2)))
+            self._take_path(None)
 
     def go(self, frame: str, goal: Goal) -> None:
         """Drive to a goal of a frame, as to one of a topic; `NodeSettings.follows` has goals."""
@@ -344,26 +347,29 @@ class PlannerNode:
     @property
     def path(self) -> Path | None:
         """The path that is followed, in the frame of the odometry."""
-        return self._path
+        return None if self._course is None else self._course.path
 
-    def _take_path(self, frame: str, points: Array, heading: float = np.nan) -> None:
-        """Follow a new path, at its end to a heading, rad; an empty one stops the robot."""
-        if self._own.newest is not None and len(points) >= 2:
-            motion = self._own.motion(self._own.frame, frame)
-            if motion is None:
-                return self._refuse(f"no motion connects the path's frame {frame!r} with odometry")
-            places = np.column_stack([points, np.zeros(len(points))])
-            points = composed(motion, places)[:, :2]
-        try:
-            path = Path(points[:: 1 + len(points) // LONGEST_PATH]) if len(points) >= 2 else None
-        except WideberthError as error:
-            return self._refuse(f"path: {error}")
-        self._end = SpinGoal(frame, heading)
-        same = path is not None and self._path is not None
-        if same and np.array_equal(path.points, self._path.points):  # type: ignore[union-attr]
-            return None
-        self._path, self._fresh_path, self._turn = path, True, None
-        return None
+    def _take_path(self, new: FramedPath | None) -> None:
+        """Follow a new path, as soon as it can be laid; None or an empty one stops the robot."""
+        self._next_course = None
+        if new is None or not len(new.points):
+            self._course, self._turn, self._fresh_path = None, None, False
+        elif self._course is not None and self._course.same(new):
+            self._course.end = new.end
+        else:
+            self._next_course = new
+            self._lay_path()
+            if new.flaw:
+                self._refuse(new.flaw)
+
+    def _lay_path(self) -> None:
+        """Lay a path that has come, or the one that is followed anew where its frame has moved."""
+        new = self._next_course
+        if new is not None and new.lay(self._own):
+            self._course, self._next_course = new, None
+            self._fresh_path, self._turn = True, None
+        elif self._course is not None and self._course.lay(self._own):
+            self._fresh_path = True
 
     def _refuse(self, why: str) -> None:
         self.counts.refused += 1
@@ -376,7 +382,7 @@ class PlannerNode:
         if not self.active:
             return "inactive"
         if own is None:
-            return "waiting for odometry"
+            return self._own.unplaced or "waiting for odometry"
         if self._since(own.time) > patience:
             return f"odometry is silent for {self._since(own.time):.2g} s"
         if self._obstacles is not None:
@@ -392,8 +398,10 @@ class PlannerNode:
                 return f"{what} are silent for {self._since(seen.time):.2g} s"
             if why and (placed is None or self._since(placed.time) > patience):
                 return f"{what} cannot be placed: {why}"
-        if self._path is not None or self._turn is not None:
+        if self._course is not None or self._turn is not None:
             return ""
+        if self._next_course is not None:
+            return self._next_course.flaw
         return self._no_route or f"waiting for a {'path' if self._goals is None else 'goal'}"
 
     def _since(self, time: float) -> float:
@@ -406,6 +414,7 @@ class PlannerNode:
             self._obstacles.process()
         self._find_path()
         with self._lock:
+            self._lay_path()
             waits, own = self.waits_for(), self._own.newest
             if waits or own is None:
                 self.status = waits
@@ -416,7 +425,7 @@ class PlannerNode:
                 self._stand_still(turn, "")
                 return False
             observation, earlier = self._observation(own)
-            begin, path, fresh = own.time, self._path, self._fresh_path
+            begin, path, fresh = own.time, self.path, self._fresh_path
             self._fresh_path = fresh and turn is not None
         if turn is not None:
             self._check_spin(turn, [*earlier, observation])
@@ -489,7 +498,7 @@ class PlannerNode:
             found = self._goals.plan_route(found, self._clock())
         if isinstance(found, RouteResult):
             with self._lock:
-                self._take_path(found.frame, found.points)
+                self._take_path(FramedPath(found.frame, found.points))
                 self._no_route = found.reason
         return None
 
@@ -497,35 +506,39 @@ class PlannerNode:
         """Forget a path of a topic whose end the robot has reached, and faces: it brakes."""
         follows = self.settings.follows
         with self._lock:
-            path, motion, end = self._path, self.motion, self._end
-            if not isinstance(follows, PathTopic) or path is None or motion is None:
+            course, path, motion = self._course, self.path, self.motion
+            if not isinstance(follows, PathTopic) or not self._ends:
                 return
-            if not self._ends:
+            if course is None or path is None or motion is None:
                 return
             assert self._arrival is not None
             self._turn = None
             if self._arrival.update(path, motion[0][:2]):
-                off = abs(self._own.off(end.frame, end.heading))
+                off = abs(self._own.off(course.end.frame, course.end.heading))
                 if self.turns_on_the_spot and off > follows.yaw_tolerance:
-                    self._turn = end
+                    self._turn = course.end
                 else:
-                    self._take_path("", np.zeros((0, 2)))
+                    self._take_path(None)
 
     def _observation(self, received: ReceivedMessage) -> tuple[Observation, list[Observation]]:
         """Return the observation of now, and those that the controller remembers first."""
         decoded = received.decoded
         motion = decoded.content
         assert isinstance(motion, OdometryMessage)
+        mean, stated = np.concatenate([motion.pose, motion.twist]), motion.covariance
+        if stated is not None:
+            try:
+                stated = checked_covariance("odometry's covariance", stated, (3, 3))
+            except WideberthError as error:
+                stated = self._covariance
+                self._refuse(f"{error}; the last good one stands in, or none")
+        self._covariance = stated
         covariance = EXACT * np.eye(6)
-        if motion.covariance is not None and np.isfinite(motion.covariance).all():
-            covariance[:3, :3] = motion.covariance
-        mean = np.concatenate([motion.pose, motion.twist])
-        try:
-            estimate = MotionEstimate(received.time, mean, covariance)
-        except WideberthError:  # no covariance at all
-            estimate = MotionEstimate(received.time, mean, EXACT * np.eye(6))
+        if stated is not None:
+            covariance[:3, :3] = stated
+        estimate = MotionEstimate(received.time, mean, covariance)
         state, known = own_state(self.robot, estimate, seen_from_here=True)
-        spread = None if motion.covariance is None else known
+        spread = None if stated is None else known
         seen = ScanView() if self._obstacles is None else self._obstacles.view(self._own)
         walls = seen.polygons + (() if self._goals is None else self._goals.walls)
         instant = self._own.now if self.settings.stepped else received.time
@@ -538,7 +551,7 @@ class PlannerNode:
         """Publish a velocity; return whether one was published."""
         with self._lock:
             now = self._clock()
-            idle = self._path is None and self._turn is None and self._last is None
+            idle = self._course is None and self._turn is None and self._last is None
             if self._own.newest is None or idle or (self.stands and not self.active):
                 return False
             periods = self._since(self._sent) * self.settings.rate
@@ -608,10 +621,11 @@ class PlannerNode:
         assert self._wanted is not None and self._last is not None
         if self._turn is None:
             aim = self._wanted.at(now)
-            if self._path is None or self.motion is None:
+            path = self.path
+            if path is None or self.motion is None:
                 return aim
             x, y, heading = self.motion[0].tolist()
-            return self._approach.limited(self._path, Pose((x, y), heading), aim)
+            return self._approach.limited(path, Pose((x, y), heading), aim)
         off = self._own.off(self._turn.frame, self._turn.heading)
         moving = np.hypot(*self._last[:2]) > STANDING
         if self._room != self._turn or moving or not np.isfinite(off):
@@ -694,9 +708,13 @@ class PlannerNode:
         if counts.latency:
             numbers["latency median, ms"] = f"{1e3 * float(np.median(counts.latency)):.1f}"
         self._commands.agree()
-        problem = self._commands.problem
-        well = self.status in (DRIVING, TURNING, ARRIVED) and not problem
-        text = f"{self.status}; {problem}" if problem else self.status
+        problems = [self._commands.problem, *self._link.mismatches()]
+        unnamed = 0 if self._obstacles is None else self._obstacles.unnamed
+        if unnamed:
+            numbers["without an identity"] = str(unnamed)
+            problems.append(f"{unnamed} obstacles have no identity of their own: named by place")
+        text = "; ".join(filter(None, (self.status, *problems)))
+        well = text in (DRIVING, TURNING, ARRIVED)
         encoder = MessageEncoder(self._wall(), "", self._known)
         self._to["diagnostics"].send(
             encoder.diagnostics(0.0, "wideberth: planner", 0 if well else 1, text, numbers)

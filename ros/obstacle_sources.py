@@ -21,8 +21,9 @@ from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import PlacedScan, Scan, Sightings, beams_of
 from ..perception.handover import Batch, Handover
 from ..perception.walls import walls_behind
-from .decoding import OBSTACLES, DecodedMessage, ObstacleMessage, ObstaclesMessage
+from .decoding import OBSTACLES, DecodedMessage, ObstacleMessage, ObstaclesMessage, mounted
 from .frames import composed
+from .naming import ObstacleNames
 from .own_motion import OwnMotion, ReceivedMessage
 
 MOST_SEEN = 500
@@ -46,6 +47,8 @@ class ObstacleTopic:
     topic : of the messages. kind : their type, one of `wideberth.ros.decoding.OBSTACLES`.
     radius : m, of obstacles whose size is not stated.
     deviation : m per axis, of obstacles whose covariance is not stated; 0 where places are exact.
+    own_clock : whether the sender stamps by a clock of its own. Messages count as measured when
+        they come then; else those that are late by their stamps are not used.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class ObstacleTopic:
     kind: str = "nav2_dynamic_msgs/msg/ObstacleArray"
     radius: float = 0.3
     deviation: float = 0.05
+    own_clock: bool = False
 
     def __post_init__(self) -> None:
         check_topic("node.sees.topic", self.topic)
@@ -79,6 +83,7 @@ class ScanTopic:
     handover : how the controller is given the tracked obstacles, see
         `wideberth.perception.handover.Handover`.
     deviation : m, standard deviation of a range, which the messages do not state.
+    own_clock : as of `ObstacleTopic`.
 
     Raises
     ------
@@ -90,6 +95,7 @@ class ScanTopic:
     tracker: Tracker = field(default_factory=partial(build, "trackers", "nearest"))
     handover: Literal["measured", "filtered"] = "filtered"
     deviation: float = 0.01
+    own_clock: bool = False
 
     def __post_init__(self) -> None:
         check_topic("node.sees.topic", self.topic)
@@ -142,6 +148,11 @@ class ObstacleSource(Protocol):
     placed: ReceivedMessage | None
     unplaced: str
 
+    @property
+    def unnamed(self) -> int:
+        """How many obstacles of the last message have no identity of their own."""
+        ...
+
     def receive(self, decoded: DecodedMessage, came: float) -> None:
         """Take a message."""
         ...
@@ -187,67 +198,106 @@ class TopicSource:
         self.placed: ReceivedMessage | None = None
         self.unplaced: str = ""
         self._settings, self._own, self._lock, self._refuse = settings, own, lock, refuse
+        self._names = ObstacleNames()
+        self._waiting: ReceivedMessage | None = None
+        self._named: ReceivedMessage | None = None
+        """The last message of a known frame, however late, with a name for each obstacle."""
         self._refused: ReceivedMessage | None = None
 
+    @property
+    def unnamed(self) -> int:
+        """How many obstacles of the last message that was placed have no identity of their own."""
+        return self._names.count
+
     def receive(self, decoded: DecodedMessage, came: float) -> None:
-        """Take a message; the one before is forgotten."""
-        self.newest = ReceivedMessage(decoded, came)
+        """Take a message; the one before is forgotten once this one is placed."""
+        self.newest = self._waiting = ReceivedMessage(decoded, came)
+        self._place()
 
     def process(self) -> None:
-        """Find out whether the newest message can be placed."""
+        """Place the newest message, if it is not yet; forget one whose place is lost."""
         with self._lock:
-            if self.newest is not None and self._own.newest is not None:
-                self._frame_of(self.newest)
+            self._place()
 
-    def _frame_of(self, received: ReceivedMessage) -> Array | None:
-        """Return the pose of a message's frame in that of the odometry; None if it is unknown.
-
-        Either is noted in `placed` and `unplaced`.
-        """
-        frame = self._own.placed(received.decoded.frame)
-        if frame is not None:
-            self.placed, self.unplaced = received, ""
-            return frame
-        self.unplaced = f"no motion connects {received.decoded.frame!r} with odometry"
-        if received is not self._refused:
+    def _place(self) -> None:
+        """Place and name what waits; `placed` and `unplaced` say how that has ended."""
+        if self._own.newest is None:
+            return
+        if self.placed is not None and (
+            reason := self._lost(self.placed) or self._late(self.placed)
+        ):
+            self.placed, self.unplaced = None, reason
+        received = self._waiting
+        if received is None:
+            return
+        self.unplaced = self._lost(received)
+        if not self.unplaced:
+            self._named, self._waiting = self._with_names(received), None
+            self.unplaced = self._late(received)
+            self.placed = self.placed if self.unplaced else self._named
+        if self.unplaced and received is not self._refused:
             self._refused = received
             self._refuse(self.unplaced)
-        return None
+
+    def _lost(self, received: ReceivedMessage) -> str:
+        """Return why a message cannot be placed; "" where it can be."""
+        frame = received.decoded.frame
+        if self._own.placed(frame) is not None:
+            return ""
+        return self._own.flaw(frame) or f"no motion connects {frame!r} with odometry"
+
+    def _late(self, received: ReceivedMessage) -> str:
+        """Return why a message is not of now; "" where it is."""
+        return self._own.untimely(self._own.instant(received, self._settings.own_clock))
+
+    def _with_names(self, received: ReceivedMessage) -> ReceivedMessage:
+        """Return a message with the nearest of its obstacles, each with a name of its own."""
+        content, frame = received.decoded.content, self._own.placed(received.decoded.frame)
+        assert isinstance(content, ObstaclesMessage) and frame is not None
+        places = _places(frame, content.seen)
+        away = np.hypot(*(places - self._own.poses(np.array([self._own.now]))[0, :2]).T)
+        nearest = np.argsort(np.where(np.isfinite(away), away, -1.0), kind="stable")
+        rows = np.sort(nearest[:MOST_SEEN])
+        if len(rows) < len(places):
+            self._refuse(f"{len(places) - len(rows)} obstacles beyond the nearest {len(rows)}")
+        seen = [content.seen[i] for i in rows]
+        instant = self._own.instant(received, self._settings.own_clock)
+        names = self._names.named(instant, [one.ident for one in seen], places[rows])
+        named = tuple(replace(one, ident=name) for one, name in zip(seen, names, strict=True))
+        decoded = replace(received.decoded, content=ObstaclesMessage(named))
+        return ReceivedMessage(decoded, received.time)
 
     def view(self, own: OwnMotion, now: float | None = None) -> ScanView:
-        """Return the obstacles of the last message that was placed, in the odometry's frame."""
-        received = self.placed
+        """Return the obstacles of the last message of a known frame, in the odometry's."""
+        received = self._named
         if received is None or (frame := own.placed(received.decoded.frame)) is None:
-            self.placed = None  # the odometry has another frame by now
             return ScanView()
         assert isinstance(received.decoded.content, ObstaclesMessage)
-        seen = received.decoded.content.seen[: 10 * MOST_SEEN]
-        age = max((own.now if now is None else now) - own.instant(received), 0.0)
-        with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
-            found = self._placed_in(frame, seen, own, age)
-        return ScanView(tuple({one.ident: one for one in found}.values()))
-
-    def _placed_in(
-        self, frame: Array, seen: Sequence[ObstacleMessage], own: OwnMotion, age: float
-    ) -> list[Detection]:
-        """Return the nearest of some obstacles of a frame whose pose is known, (3,)."""
-        places = composed(frame, np.array([one.pose for one in seen]).reshape(-1, 3))[:, :2]
-        away = np.hypot(*(places - own.poses(np.array([own.now]))[0, :2]).T)
+        seen, instant = (
+            received.decoded.content.seen,
+            own.instant(received, self._settings.own_clock),
+        )
+        age = max((own.now if now is None else now) - instant, 0.0)
         cosine, sine = np.cos(frame[2]), np.sin(frame[2])
-        turn = np.array([[cosine, -sine], [sine, cosine]])
-        found = []
-        for i in sorted(np.argsort(away, kind="stable")[:MOST_SEEN]):
-            one = seen[i]
-            spread = one.covariance
-            if spread is None:
-                spread = self._settings.deviation**2 * np.eye(2)
-            radius = one.radius if np.isfinite(one.radius) else self._settings.radius
-            name = one.ident or f"unnamed {i}"
-            found.append(Detection(name, places[i], turn @ spread @ turn.T, radius, age))
-        return found
+        turn, found = np.array([[cosine, -sine], [sine, cosine]]), []
+        with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
+            for one, place in zip(seen, _places(frame, seen), strict=True):
+                spread = one.covariance
+                if spread is None:
+                    spread = self._settings.deviation**2 * np.eye(2)
+                radius = self._settings.radius if one.radius is None else one.radius
+                found.append(Detection(one.ident, place, turn @ spread @ turn.T, radius, age))
+        return ScanView(tuple(found))
 
     def warm_up(self) -> None:
         """Do nothing: other software has detected and tracked."""
+
+
+def _places(frame: Array, seen: Sequence[ObstacleMessage]) -> Array:
+    """Return the places of obstacles of a frame with a pose (3,), (K, 2) m."""
+    poses = np.array([one.pose for one in seen]).reshape(-1, 3)
+    with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
+        return np.asarray(composed(frame, poses)[:, :2])
 
 
 @final
@@ -278,13 +328,16 @@ class ScanSource:
         self.newest: ReceivedMessage | None = None
         self.placed: ReceivedMessage | None = None
         self.unplaced: str = ""
+        self.unnamed: int = 0
+        """0: the tracker names all."""
         self._settings, self._own, self._gap, self._walls = settings, own, gap, walls
         self._lock, self._refuse = lock, refuse
         self._detector, self._tracker = deepcopy((settings.detector, settings.tracker))
         self._detector.reset()
         self._tracker.reset()
         self._handover = Handover(settings.handover)
-        self._waiting: list[ReceivedMessage] = []
+        self._waiting: list[tuple[ReceivedMessage, str]] = []
+        """Scans, and why each of them was of no use as it came."""
         self._polygons: tuple[Polygon, ...] = ()
         self._scan: PlacedScan | None = None
         self._met: tuple[ReceivedMessage | None, Array, float] = None, np.zeros((0, 2)), -np.inf
@@ -292,7 +345,8 @@ class ScanSource:
     def receive(self, decoded: DecodedMessage, came: float) -> None:
         """Take a scan; it waits until it is processed."""
         self.newest = ReceivedMessage(decoded, came)
-        self._waiting.append(self.newest)
+        untimely = self._own.untimely(self._own.instant(self.newest, self._settings.own_clock))
+        self._waiting.append((self.newest, untimely))
         if len(self._waiting) > WAITING:
             self._waiting.pop(0)
             self._refuse("scans come faster than they are processed")
@@ -301,9 +355,9 @@ class ScanSource:
         """Detect and track in the scans that have come."""
         with self._lock:
             waiting, self._waiting = self._waiting, []
-        for received in waiting:
+        for received, untimely in waiting:
             with self._lock:
-                found = self._placed_scan(received)
+                found = untimely or self._placed_scan(received)
                 if isinstance(found, str) and self._own.newest is not None:
                     self._leave_out(found)
             if not isinstance(found, str):
@@ -332,17 +386,19 @@ class ScanSource:
         """Return a scan on our clock, with the robot's pose of each beam, or why not."""
         scan, frame = received.decoded.content, received.decoded.frame
         assert isinstance(scan, Scan)
-        mount = self._own.mount(frame)
+        mount = self._own.sensor(frame)
         if mount is None:
-            return f"no motion connects the scan's frame {frame!r} with the robot"
+            flaw = self._own.flaw(frame)
+            return flaw or f"no motion connects the scan's frame {frame!r} with the robot"
         if not len(scan.times):
             return "a scan has no beams"
-        times = self._own.instant(received, float(scan.times[-1])) + scan.times
+        length, own_clock = float(scan.times[-1]), self._settings.own_clock
+        times = self._own.instant(received, own_clock, length) + scan.times
         poses = self._own.poses(times)
         if not np.isfinite(poses).any() or not (np.abs(times) <= LATEST).all():
             return UNKNOWN_POSE
         deviation = self._settings.deviation
-        return replace(scan, times=times, mount=mount, deviation=deviation), poses
+        return replace(mounted(scan, *mount), times=times, deviation=deviation), poses
 
     def _leave_out(self, reason: str) -> None:
         """Count a scan that cannot be placed."""

@@ -1,7 +1,7 @@
 """Where a robot is and was, by its odometry and tf, on the clock of its stamps."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -12,7 +12,7 @@ from .decoding import DecodedMessage, OdometryMessage, Transforms
 from .frames import FrameTree, composed, within_pi
 
 OLDEST = 1.0
-"""s; stamps that lie farther apart are of clocks that do not agree, and are not compared."""
+"""s; a message whose stamp is farther from that of the newest odometry is not used."""
 KEPT = 500
 """Poses that are kept: 5 s of odometry at 100 Hz."""
 AHEAD = 0.2
@@ -38,6 +38,7 @@ class OwnMotion:
 
     Its clock is that of the odometry's stamps, in s since the first one; of odometry without
     stamps it is the node's clock. Where the clock jumps, the poses of before are forgotten.
+    Odometry with the stamp of the one before is no news: it counts as when that one came.
 
     Parameters
     ----------
@@ -46,6 +47,8 @@ class OwnMotion:
 
     def __init__(self, base_frame: str) -> None:
         self.newest: ReceivedMessage | None = None
+        self.unplaced: str = ""
+        """Why the last odometry does not say where the base is; "" where it does."""
         self._base = base_frame
         self._frames = FrameTree()
         self._epoch: int | None = None
@@ -54,8 +57,8 @@ class OwnMotion:
 
     def take_frames(self, content: Transforms) -> None:
         """Take motions between frames; the newest of each counts at all times."""
-        for parent, child, _, pose, _ in content.rows:
-            self._frames.add(parent, child, 0.0, pose, static=True)
+        for parent, child, _, pose, tilt in content.rows:
+            self._frames.add(parent, child, 0.0, pose, True, tilt)
 
     def take(self, decoded: DecodedMessage, came: float) -> None:
         """Take odometry that came at a time, s on the node's clock.
@@ -64,13 +67,23 @@ class OwnMotion:
 
         Raises
         ------
-        WideberthError : numbers that are not finite.
+        WideberthError : numbers that are not finite, or of a frame that tf does not connect with
+            the robot's.
         """
         motion = decoded.content
         assert isinstance(motion, OdometryMessage)
         numbers = np.concatenate([motion.pose, motion.twist])
         if not np.isfinite(numbers).all():
             raise WideberthError("odometry is not finite")
+        motion = self._of_base(motion)
+        numbers = np.concatenate([motion.pose, motion.twist])
+        decoded = replace(decoded, content=motion)
+        if (
+            decoded.stamp
+            and self.newest is not None
+            and self.newest.decoded.stamp == decoded.stamp
+        ):
+            came = self.newest.time
         self.newest = ReceivedMessage(decoded, came)
         if self._epoch is None:
             self._epoch = decoded.stamp
@@ -82,6 +95,16 @@ class OwnMotion:
         if self._rows and row[0] == self._rows[-1][0]:
             self._rows.pop()
         self._rows.append(row)
+
+    def _of_base(self, motion: OdometryMessage) -> OdometryMessage:
+        """Return the motion of the robot's base; `unplaced` says why there is none."""
+        base = self.motion(motion.child, self._base) if motion.child else np.zeros(3)
+        self.unplaced = ""
+        if base is None:
+            words = f"no motion connects the odometry's child frame {motion.child!r} with"
+            self.unplaced = self.flaw(motion.child) or f"{words} {self._base!r}"
+            raise WideberthError(self.unplaced)
+        return _carried(motion, base) if base.any() else motion
 
     @property
     def stands(self) -> bool:
@@ -101,26 +124,40 @@ class OwnMotion:
         stamp = self.newest.decoded.stamp
         return (stamp - self._epoch) / 1e9 if stamp else self.newest.time
 
-    def instant(self, received: ReceivedMessage, length: float = 0.0) -> float:
+    def instant(
+        self, received: ReceivedMessage, own_clock: bool = False, length: float = 0.0
+    ) -> float:
         """Return the instant to which the content of a message belongs, s.
 
-        By its stamp; where that does not agree with the odometry's, by when both came.
+        By its stamp. Where it or the odometry has none, by when both came.
 
         Parameters
         ----------
-        received : the message. length : s, from its stamp until it could be sent.
+        received : the message.
+        own_clock : whether its stamp is of a clock of its sender's own, and says nothing here.
+        length : s, from its stamp until it could be sent.
         """
-        return self.instant_of(received.decoded.stamp, received.time - length)
+        stamp = 0 if own_clock else received.decoded.stamp
+        return self.instant_of(stamp, received.time - length)
 
     def instant_of(self, stamp: int, time: float) -> float:
         """Return the same of a stamp, ns, and of a time on the node's clock, s."""
         if self.newest is None:
             return float("nan")
         own = self.newest.decoded.stamp
-        apart = 1e-9 * (stamp - own)
-        if not own or not stamp or abs(apart) > OLDEST:
-            apart = time - self.newest.time
+        apart = 1e-9 * (stamp - own) if own and stamp else time - self.newest.time
         return self.now + apart
+
+    def untimely(self, instant: float) -> str:
+        """Say why what was measured at an instant, s, is of no use now; "" where it is of use."""
+        age = self.now - instant
+        if abs(age) <= OLDEST or np.isnan(age):
+            return ""
+        side = "older" if age > 0.0 else "newer"
+        return (
+            f"a message is {abs(age):.3g} s {side} than the odometry by their stamps; wanted at "
+            f"most {OLDEST:g} s: synchronise the clocks, or set own_clock if the sender's differs"
+        )
 
     def poses(self, times: Array) -> Array:
         """Return the robot's poses at some instants, (B,) s -> (B, 3), m and rad.
@@ -151,6 +188,13 @@ class OwnMotion:
         return np.asarray(found)
 
     @property
+    def pose(self) -> Array:
+        """The pose of the newest odometry, (3,)."""
+        assert self.newest is not None
+        assert isinstance(self.newest.decoded.content, OdometryMessage)
+        return self.newest.decoded.content.pose
+
+    @property
     def frame(self) -> str:
         """The frame of the odometry; "" before the first."""
         return self.newest.decoded.frame if self.newest is not None else ""
@@ -169,6 +213,30 @@ class OwnMotion:
         """Return the pose of a frame on the robot, (3,); None if unknown."""
         return self.motion(self._base, frame)
 
+    def sensor(self, frame: str) -> tuple[Array, bool] | None:
+        """Return the pose of a frame on the robot, and whether it is upside down; None if unknown.
+
+        That is for sensors that scan a plane: for a message in such a frame see `motion`.
+        """
+        try:
+            found, mirrored = self._frames.placement(self._base, frame or self._base, [0.0])
+        except WideberthError:
+            return None
+        return (found[0], mirrored) if np.isfinite(found).all() else None
+
+    def flaw(self, frame: str) -> str:
+        """Say how a frame that tf connects with the robot tilts; "" where it does not."""
+        try:
+            self._frames.motion(self._base, frame, [0.0])
+        except WideberthError as error:
+            connected = self._frames.root(frame) == self._frames.root(self._base)
+            return str(error) if connected else ""
+        return ""
+
+    def carries(self, frame: str) -> bool:
+        """Whether the robot carries a frame with it, by the newest reports."""
+        return self.frame in self._frames.above(frame)
+
     def off(self, frame: str, heading: float) -> float:
         """Return by how much the robot has to turn to a heading of a frame, within pi, rad.
 
@@ -177,9 +245,7 @@ class OwnMotion:
         motion = self.motion(self.frame, frame)
         if self.newest is None or motion is None:
             return float("nan")
-        content = self.newest.decoded.content
-        assert isinstance(content, OdometryMessage)
-        return within_pi(float(motion[2]) + heading - float(content.pose[2]))
+        return within_pi(float(motion[2]) + heading - float(self.pose[2]))
 
     def placed(self, frame: str) -> Array | None:
         """Return the pose of a frame in that of the odometry, (3,), now; None if unknown.
@@ -190,6 +256,25 @@ class OwnMotion:
         mount = self.mount(frame)
         if found is not None or mount is None or self.newest is None:
             return found
-        motion = self.newest.decoded.content
-        assert isinstance(motion, OdometryMessage)
-        return composed(motion.pose, mount)
+        return composed(self.pose, mount)
+
+
+def _carried(motion: OdometryMessage, base: Array) -> OdometryMessage:
+    """Return the motion of a base with a pose (3,) in the frame whose motion is stated.
+
+    With r the base's place in that frame and psi its heading there::
+
+        v' = Rot(-psi) (v + w (-r_y, r_x))     C' = J C J^T     J = [I, Rot(heading) (-r_y, r_x)]
+    """
+    arm, (forward, aside, rate) = np.array([-base[1], base[0]]), motion.twist.tolist()
+    pose = composed(motion.pose, base)
+    x, y = (np.array([forward, aside]) + rate * arm).tolist()
+    cosine, sine = np.cos(base[2]), np.sin(base[2])
+    twist = np.array([cosine * x + sine * y, cosine * y - sine * x, rate])
+    covariance = motion.covariance
+    if covariance is not None:
+        cosine, sine = np.cos(motion.pose[2]), np.sin(motion.pose[2])
+        moved = np.eye(3)
+        moved[:2, 2] = np.array([[cosine, -sine], [sine, cosine]]) @ arm
+        covariance = np.asarray(moved @ covariance @ moved.T)
+    return replace(motion, pose=pose, twist=twist, covariance=covariance)

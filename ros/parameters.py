@@ -21,6 +21,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "sees.kind": "type of the messages of obstacles",
     "sees.radius": "m, of obstacles whose size is not stated",
     "sees.deviation": "m, of a position whose covariance is not stated, or of a range",
+    "sees.own_clock": "whether the sender stamps by a clock of its own, so that arrival counts",
     "follows.topic": "topic of paths or goals",
     "follows.tolerance": "m; a robot that is so near has arrived, and brakes",
     "follows.yaw_tolerance": "rad, by which its heading may then be off",

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import cos, inf, nan, pi
+from math import cos, inf, nan, pi, sin
 from typing import final
 
 import numpy as np
@@ -10,11 +10,14 @@ import numpy as np
 from ..framework.route_planner import Route
 from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
+from ..framework.values.errors import WideberthError
 from ..framework.values.occupancy_grid import OccupancyGrid
+from ..framework.values.path import Path
+from ..framework.values.path_progress import PathProgress
 from ..framework.values.polygon import Polygon
 from ..routes.inflation import Inflation
 from ..routes.replanning import KeptRoute, Replanning
-from .decoding import DecodedMessage, Goal
+from .decoding import DecodedMessage, Goal, distinct
 from .frames import composed, inverted, within_pi
 from .obstacle_sources import check_topic
 from .own_motion import OwnMotion
@@ -24,6 +27,11 @@ NEAR, AGAIN = 10.0, 3.0
 MOVED, TURNED = 0.02, 0.005
 """m and rad; routes and walls are placed anew when the map's frame has moved so far against the
 odometry's, where the robot is. A wall 10 m away is then up to 0.08 m off."""
+
+LONGEST_PATH = 10_000
+"""Points; a longer path is thinned out, but for its end."""
+SHORT = 1e-3
+"""m; a path of one point is at least as long."""
 
 
 @final
@@ -191,7 +199,6 @@ class GoalPlanner:
         self._costs: tuple[KnownMap, Costmap] | None = None
         self._kept: KeptRoute | None = None
         self._route: Route | None = None
-        self._placed_by: Array | None = None
         if self._over is not None and isinstance(self._over.map, KnownMap):
             self._map = self._over.map
 
@@ -216,7 +223,7 @@ class GoalPlanner:
             return None
         found = self._request(own, *self._goal)
         if isinstance(found, RouteResult) and not len(found.points):
-            self._straight_goal = self._route = self._placed_by = None
+            self._straight_goal = self._route = None
         return found
 
     def _request(
@@ -246,7 +253,7 @@ class GoalPlanner:
         found = self._arrived(here, target, own.stands)
         if found is not None or old is self._goal:
             return found
-        return RouteResult(own.frame, np.stack([here[:2], target[:2]]))
+        return RouteResult(frame, np.stack([composed(inverted(motion), here)[:2], aim[:2]]))
 
     def _arrived(self, here: Array, goal: Array, stands: bool) -> RouteResult | SpinGoal | None:
         """Forget a goal at which the robot stands; let it stand there, or refuse one out of reach.
@@ -288,7 +295,7 @@ class GoalPlanner:
         return spread.inflated(Costmap.from_grid(grid))
 
     def plan_route(self, request: "RouteRequest", time: float) -> RouteResult | None:
-        """Plan a route; return it where it is new or has moved, None if all stays."""
+        """Plan a route; return it where it is new, None if all stays."""
         assert self._over is not None
         if self._costs is None or self._costs[0] is not request.map:
             self._costs = request.map, self._inflated(request.map.grid)
@@ -297,9 +304,9 @@ class GoalPlanner:
         costmap = self._costs[1]
         kept = self._over.replanning.update(self._kept, time, costmap, request.here, request.goal)
         self._kept, route = kept, kept.route
-        if route is self._route and not request.moved(self._placed_by):
+        if route is self._route:
             return None
-        self._route, self._placed_by = route, request.motion
+        self._route = route
         if route.path is None:
             return RouteResult("", np.zeros((0, 2)), f"there is no route: {route.reason}")
         return RouteResult(request.map.frame, route.path.points, route.reason)
@@ -350,10 +357,106 @@ def cropped(grid: OccupancyGrid, centre: Array, reach: float) -> OccupancyGrid |
     return OccupancyGrid(cells, grid.resolution, (float(x), float(y)))
 
 
+def _points_in(points: Array, motion: Array) -> Array:
+    """Return points (P, 2) in the frame in which their own has this pose."""
+    poses = np.column_stack([points, np.zeros(len(points))])
+    with np.errstate(over="ignore", invalid="ignore"):  # a path refuses what is absurd
+        return np.asarray(composed(motion, poses)[:, :2])
+
+
 def _moved(polygon: Polygon, motion: Array) -> Polygon:
     """Return a polygon in the frame in which its own has this pose."""
-    corners = np.column_stack([polygon.points, np.zeros(len(polygon.points))])
-    return Polygon(tuple(map(tuple, composed(motion, corners)[:, :2].tolist())), polygon.name)
+    return Polygon(tuple(map(tuple, _points_in(polygon.points, motion).tolist())), polygon.name)
+
+
+@final
+class FramedPath:
+    """A path of a frame, laid in that of the odometry; anew where the two have moved.
+
+    A path of one point leads there straight from where the robot is when it is laid. A path of a
+    frame that the robot carries is laid once.
+
+    Parameters
+    ----------
+    frame : of the points. points : (P, 2), m; at least one.
+    heading : rad, of the frame, wanted at its end; NaN for any.
+    """
+
+    def __init__(self, frame: str, points: Array, heading: float = nan) -> None:
+        self.end: SpinGoal = SpinGoal(frame, heading)
+        """The heading at its end."""
+        self.path: Path | None = None
+        """What is left of the path, in the frame of the odometry; None before it is laid."""
+        self.flaw: str = ""
+        """Why it was not laid at the last try; "" where it was, or nothing hinders it."""
+        self.points: Array = points
+        """As they came."""
+        self._points = points = distinct(points)
+        if len(points) > LONGEST_PATH:
+            self._points = np.concatenate(
+                [points[: -1 : 1 + len(points) // LONGEST_PATH], points[-1:]]
+            )
+        self._motion: Array | None = None
+        self._progress: PathProgress | None = None
+
+    def same(self, other: "FramedPath") -> bool:
+        """Whether another path has the same points, in the same frame."""
+        return self.end.frame == other.end.frame and np.array_equal(self.points, other.points)
+
+    def lay(self, own: OwnMotion) -> bool:
+        """Lay the path where that is due; return whether `path` is a new one."""
+        if own.newest is None:
+            return False
+        frame, here = self.end.frame, own.pose
+        if not (np.abs(here) <= FARTHEST).all():  # odometry has gone astray: it says nothing
+            return False
+        motion = own.motion(own.frame, frame)
+        if motion is None:
+            words = f"no motion connects the path's frame {frame!r} with odometry"
+            self.flaw = own.flaw(frame) or words
+            return False
+        where = composed(inverted(motion), here)
+        if self._motion is not None:
+            assert self._progress is not None
+            self._progress, _ = self._progress.advanced(here[:2])
+            if own.carries(frame) or not has_moved(self._motion, motion, where):
+                return False
+        return self._laid(motion, where, here)
+
+    def _laid(self, motion: Array, where: Array, here: Array) -> bool:
+        """Lay it by a motion for a robot at a pose of its frame, and of the odometry's."""
+        if len(self._points) == 1:
+            self._points = _straight(where, self._points[0])
+        try:
+            path = Path(_points_in(self._points, motion))
+        except WideberthError as error:
+            self.flaw = f"path: {error}"
+            return False
+        if self._progress is None or self._motion is None or self._progress.last is None:
+            self._progress = PathProgress(path)
+        else:  # the search for the robot begins where it was on the path before
+            arc, place = self._progress.last
+            before = _points_in(_points_in(place[None], inverted(self._motion)), motion)[0]
+            self._progress = PathProgress(path, (arc, before))
+        self._progress, _ = self._progress.advanced(here[:2])
+        self.path = path if self._motion is None else self._progress.rest
+        self._motion, self.flaw = motion, ""
+        return True
+
+
+def _straight(pose: Array, point: Array) -> Array:
+    """Return a line from a robot with a pose (3,) to a point; from behind it where it is there."""
+    begin = pose[:2]
+    if np.linalg.norm(point - begin) < SHORT:
+        begin = point - SHORT * np.array([cos(pose[2]), sin(pose[2])])
+    return np.stack([begin, point])
+
+
+def has_moved(before: Array, now: Array, place: Array) -> bool:
+    """Whether a frame with two poses (3,) has moved where a pose of its own, (3,), is."""
+    apart = composed(now, place) - composed(before, place)
+    apart[2] = within_pi(float(apart[2]))
+    return bool((np.abs(apart) > [MOVED, MOVED, TURNED]).any())
 
 
 @final
@@ -378,7 +481,4 @@ class RouteRequest:
         if before is None:
             return True
         place = np.array([*self.here, 0.0])
-        now, then = (composed(inverted(one), place) for one in (self.motion, before))
-        apart = now - then
-        apart[2] = within_pi(float(apart[2]))
-        return bool((np.abs(apart) > [MOVED, MOVED, TURNED]).any())
+        return has_moved(inverted(before), inverted(self.motion), place)

@@ -31,6 +31,40 @@ def message_class(kind: str) -> Any:
         return None
 
 
+POLICIES = (("reliability", "RELIABLE"), ("durability", "TRANSIENT_LOCAL"))
+"""Of a quality of service, and the value that a subscription gets only where it is offered."""
+
+
+def mismatches(node: Any, offered: dict[str, Any], asked: dict[str, Any]) -> list[str]:
+    """Say which peers of a node are not connected, since their quality of service does not fit.
+
+    Parameters
+    ----------
+    node : of rclpy. offered, asked : quality of its publishers and subscriptions, by topic.
+    """
+    found = []
+    for topic, quality in sorted(offered.items()):
+        for peer in node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic)):
+            why = unfit(quality, peer.qos_profile)
+            if why:
+                found.append(f"{topic} does not reach the subscriber {peer.node_name}, {why}")
+    for topic, quality in sorted(asked.items()):
+        for peer in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
+            why = unfit(peer.qos_profile, quality)
+            if why:
+                found.append(f"{topic} does not come from the publisher {peer.node_name}, {why}")
+    return found
+
+
+def unfit(offered: Any, asked: Any) -> str:
+    """Say why a publisher's quality of service does not do for a subscription; "" if it does."""
+    for policy, strong in POLICIES:
+        wanted, given = getattr(asked, policy).name, getattr(offered, policy).name
+        if wanted == strong != given:
+            return f"its {policy} is {given}, and {wanted} is asked for"
+    return ""
+
+
 class Relay:
     """Publishes and subscribes as the frames of its input say.
 
@@ -46,6 +80,8 @@ class Relay:
         self.publishers: dict[tuple[str, str], Any] = {}
         self.last: dict[tuple[str, str], bytes] = {}
         self.watched: set[str] = set()
+        self.offered: dict[str, Any] = {}
+        self.asked: dict[str, Any] = {}
         self.lock: threading.Lock = threading.Lock()
         node.create_timer(LOOK, self.look)
 
@@ -76,6 +112,7 @@ class Relay:
             self.last.pop(key, None)
         made = self.node.create_publisher(kind, head["topic"], quality)
         self.publishers[head["topic"], head["kind"]] = made
+        self.offered[head["topic"]] = quality
         self.watched.add(head["topic"])
         return None
 
@@ -84,7 +121,7 @@ class Relay:
         topic, kind = head["topic"], message_class(head["kind"])
         if kind is None:
             return self.put({"lacks": head["kind"]})
-        quality = self.quality(head["reliable"] or head["kept"], head["kept"])
+        quality = self.asked[topic] = self.quality(head["reliable"] or head["kept"], head["kept"])
 
         def take(data: bytes) -> None:
             self.put({"message": topic, "kind": head["kind"]}, bytes(data))
@@ -105,12 +142,13 @@ class Relay:
             self.last[key] = data
 
     def look(self) -> None:
-        """Say who listens."""
+        """Say who listens, and who cannot."""
         found = {}
         for topic in sorted(self.watched):
             every = self.node.get_subscriptions_info_by_topic(self.node.resolve_topic_name(topic))
             found[topic] = sorted({one.topic_type for one in every})
-        self.put({"listeners": found})
+        unmatched = mismatches(self.node, dict(self.offered), dict(self.asked))
+        self.put({"listeners": found, "mismatches": unmatched})
 
     def stop(self) -> None:
         """Send a velocity of zero where the last one was not."""

@@ -48,6 +48,7 @@ class RelayLink:
         except OSError as error:
             raise WideberthError(f"the relay {command[0]!r} cannot be started: {error}") from None
         self._listeners: dict[str, frozenset[str]] = {}
+        self._mismatches: tuple[str, ...] = ()
         self._takes: dict[tuple[str, str], Take] = {}
         self._lock = threading.Lock()
         begun: Queue[str | None] = Queue()
@@ -95,6 +96,10 @@ class RelayLink:
             self._put({"do": "watch", "topic": topic})
         return self._listeners[topic]
 
+    def mismatches(self) -> tuple[str, ...]:
+        """Say which peers are not connected, see `wideberth.ros.link.Transport.mismatches`."""
+        return self._mismatches
+
     def send(self, topic: str, kind: str, message: Any) -> None:
         """Send a message."""
         self._put({"do": "send", "topic": topic, "kind": kind}, self._known.to_bytes(message))
@@ -132,6 +137,7 @@ class RelayLink:
                 elif "listeners" in head:
                     found = head["listeners"].items()
                     self._listeners.update({topic: frozenset(kinds) for topic, kinds in found})
+                    self._mismatches = tuple(head["mismatches"])
                 elif "lacks" in head:
                     self.lacks = head["lacks"]
                 else:

@@ -44,8 +44,8 @@ def obstacle(ident: int, x: float, y: float, radius: float = 0.3) -> Any:
 
 
 def obstacles(time: float, places: Iterable[tuple[float, float]], frame: str = "map") -> Any:
-    """Return an array of obstacles, numbered from 0."""
-    found = [obstacle(i, *place) for i, place in enumerate(places)]
+    """Return an array of obstacles, numbered from 1: an identity of zeros is none."""
+    found = [obstacle(i + 1, *place) for i, place in enumerate(places)]
     return messages().make(ARRAY, header=header(time, frame), obstacles=found)
 
 
@@ -63,7 +63,9 @@ def transform(time: float, parent: str, child: str, pose: Any, roll: float = 0.0
     return known.make("tf2_msgs/msg/TFMessage", transforms=[one])
 
 
-def odometry(time: float, pose: Any, twist: Any, frame: str = "odom", child: str = "base") -> Any:
+def odometry(
+    time: float, pose: Any, twist: Any, frame: str = "odom", child: str = "base_link"
+) -> Any:
     """Return odometry in the plane."""
     known, (x, y, yaw), (forward, aside, rate) = messages(), pose, twist
     place = known.make(

@@ -30,6 +30,7 @@ class Network:
     listened: frozenset[str] = frozenset({"geometry_msgs/msg/TwistStamped"})
     known: Any = field(default_factory=messages)
     wires: dict[str, Wire] = field(default_factory=dict)
+    unmatched: tuple[str, ...] = ()
 
     def publisher(self, topic: str, kind: str, **_: Any) -> Wire:
         """Return a topic, anew where its kind is another one."""
@@ -44,6 +45,10 @@ class Network:
     def listeners(self, topic: str) -> frozenset[str]:
         """Return the kinds that subscribers of a topic take."""
         return self.listened
+
+    def mismatches(self) -> tuple[str, ...]:
+        """Return what was set as unmatched."""
+        return self.unmatched
 
     def deliver(self) -> None:
         """Deliver what has come."""

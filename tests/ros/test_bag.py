@@ -200,9 +200,9 @@ def other_kinds() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("topic", "radius"), [("/costmap", 0.4), ("/gaussians", np.nan), ("/boxes", 0.5)]
+    ("topic", "radius"), [("/costmap", 0.4), ("/gaussians", None), ("/boxes", 0.5)]
 )
-def test_obstacles_of_other_packages(topic: str, radius: float, tmp_path: Path) -> None:
+def test_obstacles_of_other_packages(topic: str, radius: float | None, tmp_path: Path) -> None:
     made = other_kinds()[topic]
     bag = write_bag(tmp_path / "bag", [(topic, START + t, made(t)) for t in TIMES])
     found = read_bag_tracks(bag, 0.1)
@@ -210,7 +210,7 @@ def test_obstacles_of_other_packages(topic: str, radius: float, tmp_path: Path) 
     wanted = np.array([walk(t) for t in TIMES]).swapaxes(0, 1)
     np.testing.assert_allclose(found.positions, wanted, atol=1e-6)  # polygons are float32
     (first, _) = read_bag(bag).rows(topic)[0].decoded.content.seen
-    np.testing.assert_allclose(first.radius, radius, atol=1e-6)
+    assert first.radius == (None if radius is None else pytest.approx(radius, abs=1e-6))
 
 
 def note_of(bag: Path, count: int = 1) -> str:
@@ -256,8 +256,8 @@ def test_two_publishers_are_named_and_kept_apart(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", rows)
     assert note_of(bag) == "/obstacles has 2 publishers"
     found = read_bag_tracks(bag, 0.1)
-    ours = "00" * 16
-    assert set(found.ids) == {ours, "01" * 16, f"{ours} (2)"}
+    ours = "01" * 16
+    assert set(found.ids) == {ours, "02" * 16, f"{ours} (2)"}
     place = dict(zip(found.ids, found.positions, strict=True))
     np.testing.assert_allclose(place[f"{ours} (2)"], 9.0)
     np.testing.assert_allclose(place[ours], [walk(t)[0] for t in TIMES], atol=1e-6)
@@ -339,11 +339,44 @@ def test_malformed_messages_are_counted_and_the_rest_kept(tmp_path: Path) -> Non
     assert len(read_bag(tmp_path / "bag").rows("/obstacles")) == 108
 
 
-def test_a_sensor_that_hangs_upside_down_is_named(tmp_path: Path) -> None:
-    rows = people()
-    rows.append(("/tf_static", START, transform(START, "base", "lidar", MOUNT, np.pi)))
+@pytest.mark.parametrize("roll", [0.0, np.pi])
+def test_scans_of_a_sensor_that_hangs_upside_down_are_mirrored(
+    tmp_path: Path, roll: float
+) -> None:
+    rows = [("/tf_static", START, transform(START, "base", "lidar", MOUNT, roll))]
+    rows.append(("/scan", START + 0.01, scan(START)))
+    bag = read_bag(write_bag(tmp_path / "bag", rows))
+    (found,) = bag.scans("/scan", "base")
+    side = 1.0 if roll == 0.0 else -1.0
+    np.testing.assert_allclose(found.bearings, side * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(found.mount, MOUNT, atol=1e-12)
+    assert bag.notes == ()
+
+
+def test_a_sensor_that_tilts_is_named_and_not_used(tmp_path: Path) -> None:
+    rows = people(frame="lidar")
+    rows.append(("/tf_static", START, transform(START, "map", "lidar", MOUNT, 0.5)))
+    rows.append(("/scan", START + 0.01, scan(START)))
     bag = write_bag(tmp_path / "bag", rows)
-    assert note_of(bag) == "frames: 'lidar' tilts; only its yaw is used (1 times)"
+    assert note_of(bag) == "frames: 'lidar' tilts by more than 0.1 rad against 'map' (1 times)"
+    with pytest.raises(WideberthError, match="'lidar' tilts by"):
+        read_bag(bag).scans("/scan", "map")
+
+
+def test_obstacles_without_an_identity_of_their_own_are_named_by_place(tmp_path: Path) -> None:
+    """All have the identity of zeros: of each message the last one was taken, or none."""
+    rows = people()
+    for _, _, message in rows:
+        for one in message.obstacles:
+            one.uuid.uuid[:] = 0
+    found = read_bag_tracks(write_bag(tmp_path / "bag", rows), 0.1)
+    assert sorted(found.ids) == ["unnamed 1", "unnamed 2"]
+    places = found.positions[:, len(found.times) // 2]
+    middle = float(found.times[len(found.times) // 2] - found.times[0])
+    np.testing.assert_allclose(sorted(map(tuple, places)), sorted(walk(middle)), atol=0.02)
+    count = 2 * len(TIMES)
+    note = f"{count} obstacles without an identity of their own: named by place"
+    assert note in found.notes
 
 
 def test_simulated_time_counts_where_messages_have_no_stamp(tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def test_paths_that_cannot_be_followed_are_refused() -> None:
     made = PathFollower(loop.node, Following(), loop.now)
     assert made.begin("odom", WAY).code is ResultCode.TF_ERROR  # type: ignore[union-attr]
     loop.turn()
-    for frame, points in (("moon", WAY), ("odom", WAY[:1]), ("odom", np.full((2, 2), np.nan))):
+    for frame, points in (("moon", WAY), ("odom", WAY[:0]), ("odom", np.full((2, 2), np.nan))):
         assert made.begin(frame, points).code is ResultCode.INVALID_PATH  # type: ignore[union-attr]
     with pytest.raises(WideberthError, match=r"following\.tolerance"):
         Following(tolerance=0.0)

@@ -1,6 +1,7 @@
 """Motions between frames: against 4 x 4 matrices, and what is wrong with reports."""
 
-from itertools import permutations
+from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +62,50 @@ def test_a_motion_goes_through_the_tree(target: str, source: str) -> None:
         world[child] = world[parent] @ matrix(np.array(pose))
     wanted = np.linalg.inv(world[target]) @ world[source]
     np.testing.assert_allclose(matrix(tree.motion(target, source, [0.1])[0]), wanted, atol=1e-9)
+
+
+def spatial(pose: np.ndarray, over: bool) -> np.ndarray:
+    """A motion of the plane in space, (4, 4), of a frame that is upside down where ``over``."""
+    found = np.eye(4)
+    found[:3, :3] = Rotation.from_euler("ZYX", [pose[2], 0.0, np.pi * over]).as_matrix()
+    found[:2, 3] = pose[:2]
+    return found
+
+
+@pytest.mark.parametrize("over", list(product([False, True], repeat=3)))
+@pytest.mark.parametrize(("target", "source"), list(permutations(NAMES, 2)))
+def test_frames_upside_down_are_those_of_space(target: str, source: str, over: Any) -> None:
+    rows = poses(3, 7)
+    tree, world = FrameTree(), {"map": np.eye(4)}
+    for parent, child, pose, down in zip(NAMES[:3], NAMES[1:], rows, over, strict=True):
+        tree.add(parent, child, 0.0, pose, static=True, tilt=np.pi * down)
+        world[child] = world[parent] @ spatial(pose, down)
+    wanted = np.linalg.inv(world[target]) @ world[source]
+    found, mirrored = tree.placement(target, source, [0.0])
+    np.testing.assert_allclose(spatial(found[0], mirrored), wanted, atol=1e-9)
+    if mirrored:
+        with pytest.raises(WideberthError, match=f"{source!r} is upside down against {target!r}"):
+            tree.motion(target, source, [0.0])
+
+
+@pytest.mark.parametrize(("tilt", "refused"), [(0.09, False), (0.11, True), (1.6, True),
+                                               (3.0, True), (3.1, False)])  # fmt: skip
+def test_a_frame_that_tilts_has_no_pose(tilt: float, refused: bool) -> None:
+    tree = FrameTree()
+    tree.add("base", "lidar", 0.0, (0.1, 0.0, 0.0), static=True, tilt=tilt)
+    if not refused:
+        np.testing.assert_allclose(tree.placement("base", "lidar", [0.0])[0], [[0.1, 0.0, 0.0]])
+        return
+    with pytest.raises(WideberthError, match="'lidar' tilts by"):
+        tree.placement("base", "lidar", [0.0])
+
+
+def test_a_frame_that_tilts_for_a_moment_has_no_pose_then() -> None:
+    tree = FrameTree()
+    for time, tilt in ((0.0, 0.0), (1.0, 0.3), (2.0, 0.0), (3.0, 0.0)):
+        tree.add("odom", "base", time, (time, 0.0, 0.0), tilt=tilt)
+    found = tree.motion("odom", "base", [0.0, 1.0, 1.5, 2.0, 2.5])[:, 0]
+    np.testing.assert_allclose(found, [0.0, np.nan, np.nan, 2.0, 2.5])
 
 
 def test_poses_are_interpolated_the_shorter_way_round() -> None:

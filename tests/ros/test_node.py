@@ -264,7 +264,8 @@ def test_only_one_clock_of_two_jumps() -> None:
     loop.come("/obstacles", obstacles(EPOCH + loop.now, [(5.0, 1.0)], "odom"))
     loop.network.deliver()
     loop.node.plan()
-    assert loop.controller.seen[-1].detections[0].age == 0.0
+    assert loop.node.status.startswith("obstacles cannot be placed: a message is ")
+    assert len(loop.controller.seen) == 3
 
 
 def test_obstacles_come_into_the_frame_of_odometry() -> None:
@@ -542,7 +543,7 @@ def test_a_stepped_node_answers_each_instant_once_decided() -> None:
     assert stamps == pytest.approx(np.repeat(EPOCH + 5.0 + 0.25 * np.arange(4), 2))
     assert {(one.twist.linear.x, one.twist.angular.z) for one in sent} == {(0.4, 0.3)}
     assert [one.stamp for one in loop.controller.seen] == pytest.approx([0.0, 0.25, 0.5, 0.75])
-    assert loop.controller.seen[0].detections[0].ident == "0" * 32
+    assert loop.controller.seen[0].detections[0].ident == "01" * 16
 
 
 def test_a_stepped_node_waits_for_obstacles_of_the_same_instant() -> None:

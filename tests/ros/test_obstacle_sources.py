@@ -161,7 +161,7 @@ def check_people(loop: Seeing) -> None:
 @pytest.mark.parametrize("late", [0.0, 1e6])
 def test_people_are_seen_in_scans(late: float) -> None:
     """Also where the LiDAR has a clock of its own: then it counts when scans come."""
-    loop = Seeing()
+    loop = Seeing(sees=ScanTopic(own_clock=late > 0.0))
     loop.late = late
     loop.turn(odom=False, people=False)
     assert loop.node.status == "waiting for odometry"
