@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from ..framework.values.arrays import FARTHEST, Array
-from ..perception.identities import Identities
+from ..framework.tracking.identities import Identities
 
 UNNAMED = "unnamed "
 """Begins the names that are given here; a sender's own that begin so are not taken over."""
@@ -21,7 +21,7 @@ class ObstacleNames:
 
     An identity that is empty, or that has occurred more than once in a message, as a class name
     or an id that was left at 0, does not tell them apart. They are named by where they are, see
-    `wideberth.perception.identities.Identities`; all others keep their identities.
+    `wideberth.framework.tracking.identities.Identities`; all others keep their identities.
     """
 
     def __init__(self) -> None:
