@@ -1,9 +1,11 @@
 """Files that are data import nothing; each sentence of SECURITY.md with a file that tries."""
 
+import io
 import json
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +22,7 @@ from wideberth.experiments.engine.runner import draw, reopen, reopened
 from wideberth.framework.mpc.diagnosis.solve_record import read_solve
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build, import_plugins, load_plugin
+from wideberth.framework.plugins.io import read_arrays
 from wideberth.framework.plugins.registry import ROOMS, as_data, load
 from wideberth.framework.values.errors import WideberthError
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -339,3 +342,35 @@ def test_a_module_of_the_working_folder_is_found_for_the_user(
     with pytest.raises(WideberthError, match="has no 'Nothing'"):
         build("regions", "trap_of_a_file:Nothing")
     assert trap.exists()
+
+
+def member(shape: str, kind: str = "'|u1'", content: bytes = b"") -> bytes:
+    """Return an npz archive of one array whose header says what is wanted."""
+    head = f"{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}}}".encode()
+    head += b" " * (117 - len(head)) + b"\n"
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.npy", b"\x93NUMPY\x01\x00v\x00" + head + content)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        member("(3,)", "'|O'", bytes(24)),
+        member("(3,)", "[('a', '|O'), ('b', '<f8')]", bytes(48)),
+        member("(3,)", "[('a', [('b', '|O', (2,))])]", bytes(48)),
+        member("(1099511627776,)"),
+        member("(-1,)"),
+        member("(2,)", "'<f8'", bytes(8)),
+        member("()", "__import__('os').abort()"),
+    ],
+    ids=["object", "field", "nested", "shape", "negative", "short", "call"],
+)
+def test_arrays_hold_numbers_alone(data: bytes) -> None:
+    with pytest.raises(WideberthError, match="damaged npz archive"):
+        read_arrays(data, "it")
+
+
+def test_arrays_of_a_sound_archive_are_read() -> None:
+    assert read_arrays(member("(2,)", "'<f8'", bytes(16)), "it")["a"].tolist() == [0.0, 0.0]
