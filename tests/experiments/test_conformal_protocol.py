@@ -8,6 +8,7 @@ import pytest
 
 from wideberth.controllers.acp import AdaptiveConformalPlanner
 from wideberth.controllers.cc import ConformalController
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.conformal_forecasts import PublishedForecasts, read_forecasts
 from wideberth.experiments.studies.conformal_protocol import (
     MOST,
@@ -18,7 +19,6 @@ from wideberth.experiments.studies.conformal_protocol import (
     drive,
 )
 from wideberth.framework.controller import Controller
-from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.errors import WideberthError
@@ -170,7 +170,8 @@ def test_pickled_forecasts_are_refused(tmp_path, capsys):
     with pytest.raises(WideberthError, match="damaged npz archive"):
         read_forecasts(str(tmp_path / "objects.npz"))
     assert "this ran" not in capsys.readouterr().out
-    table = build("experiments", {"type": "conformal_table", "forecasts": str(tmp_path)})
+    folders = [f"{name}={tmp_path}" for name in ("recordings", "forecasts")]
+    table = read_experiment("conformal_table", folders)[0]
     with pytest.raises(WideberthError, match=r"eth\.pkl is a pickle"):
         table._forecast_file("eth")
     assert table._forecast_file("hotel") == ""
