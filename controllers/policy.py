@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any, final
 
 from numpy.typing import ArrayLike
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike
 from ..framework.control.command_limits import within_reach
 from ..framework.control.rate_limited_warnings import WARNINGS
 from ..framework.controller import Controller, checked_path, checked_ready, checked_use
+from ..framework.plugins.registry import named
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import checked_places
 from ..framework.values.arrays import positive
@@ -107,14 +107,10 @@ class Policy(Controller):
 
 def _function(target: str) -> Callable[[Shown], ArrayLike]:
     """Import "module:function"."""
-    module, colon, name = target.partition(":")
     try:
-        found: Any = getattr(import_module(module), name) if colon else None
-    except Exception as error:  # a third party's module may fail in any way
-        raise WideberthError(
-            f"policy is {target!r}, which cannot be imported ({type(error).__name__}: {error}); "
-            "wanted 'module:function'"
-        ) from error
+        found: Any = named(target) if ":" in target else None
+    except WideberthError as error:
+        raise WideberthError(f"policy: {error}; wanted 'module:function'") from error
     if not callable(found):
         raise WideberthError(f"policy is {target!r}; wanted 'module:function', a callable")
     return found  # type: ignore[no-any-return]

@@ -111,6 +111,10 @@ def _compiled(package: str) -> Path:
             if not path.is_dir():
                 with progress_notice(_say, what, _USUAL):
                     wanted.make(path)
+    try:
+        cache.check_private(path, *path.rglob("*"))
+    except OSError as error:
+        raise WideberthError(f"the messages of {package} are not loaded: {error}") from None
     return path
 
 
@@ -172,6 +176,8 @@ class _Package:
             self._compile(work, first)
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 list(pool.map(lambda library: self._compile(work, library, first), others))
+            for place in (work / "whole", *(work / "whole").rglob("*")):
+                place.chmod(place.stat().st_mode & ~0o022)  # see `cache.check_private`
             (work / "whole").rename(path)
 
     def _generate(self, work: Path) -> None:

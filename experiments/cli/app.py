@@ -14,6 +14,7 @@ import typer
 from typer import Argument, Option
 
 from ...framework.plugins.io import expanded
+from ...framework.plugins.registry import MODULE_FOLDERS, as_data
 from ...framework.values.errors import WideberthError
 from ..engine.places import RESULTS, result_place
 from ..engine.thread_limits import ROUNDING
@@ -51,6 +52,25 @@ KeptEpisode = Annotated[
     ),
 ]
 Out = Annotated[Path | None, Option(help="Folder of the result; results/NAME by default.")]
+
+
+def _import_named(context: typer.Context, modules: list[str] | None) -> list[str] | None:
+    from ...framework.plugins.config import import_plugins
+
+    if not context.resilient_parsing:
+        import_plugins(modules or ())
+    return modules
+
+
+Plugins = Annotated[
+    list[str] | None,
+    Option(
+        "--plugins",
+        metavar="MODULE",
+        callback=_import_named,
+        help="Import this module first; what files name of it is built. Repeatable.",
+    ),
+]
 Workers = Annotated[int, Option(help="Processes; the result does not depend on it.")]
 Quick = Annotated[bool, Option("--quick", help="A reduced version, in seconds.")]
 Fresh = Annotated[bool, Option("--fresh", help="Remove the files of an older result first.")]
@@ -70,6 +90,9 @@ RosArguments = Annotated[
         show_default=False,
     ),
 ]
+
+_reading = as_data(lambda message: typer.secho(f"Note: {message}", err=True))
+"""Of commands that read files of others: no module is imported that these name."""
 
 
 def _print_version(asked: bool) -> None:
@@ -195,11 +218,12 @@ def _show(folder: Path, every: bool = False) -> None:
     from ..engine.extract import answers, extract
     from ..engine.line_width import width, wrapped
     from ..engine.result import condense_times
-    from ..engine.runner import reopen, written
+    from ..engine.runner import reopened, written
     from ..engine.text_tables import columns_of, list_files, print_table
 
-    experiment, result = reopen(folder)
-    typer.secho(wrapped(f"Examined: {experiment.claim}", width()), bold=True)
+    experiment, result = reopened(folder)
+    if experiment is not None:
+        typer.secho(wrapped(f"Examined: {experiment.claim}", width()), bold=True)
     whole = extract(folder)
     chosen = whole if every else answers(folder)
     print_table(chosen.rows, chosen.shares)
@@ -221,6 +245,7 @@ def figures(
         list[str] | None, Argument(help="Result folders or names of shipped configs.")
     ] = None,
     workers: Workers = 1,
+    plugins: Plugins = None,
 ) -> None:
     """Redraw figures from results; a name without a result is run first."""
     from ..engine.progress import working
@@ -305,6 +330,7 @@ def check(
         list[int] | None,
         Option(help="2 or 3; repeatable. Of predictors and regions; all by default."),
     ] = None,
+    plugins: Plugins = None,
 ) -> None:
     """Check that a plug-in keeps the laws of its room, one line per law."""
     from ...framework import testing
@@ -373,6 +399,7 @@ def fit(
         Option(help="Metres, deviation of a measured position; estimated if not stated."),
     ] = None,
     set_: SetPlugin = None,
+    plugins: Plugins = None,
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
     from ...framework.plugins.config import check_place, save_plugin
@@ -395,6 +422,7 @@ def fit(
 
 
 @app.command(no_args_is_help=True)
+@_reading
 def show(
     result: Annotated[
         str,
@@ -419,6 +447,7 @@ def show(
     ] = "",
     latex: Annotated[bool, Option("--latex", help="As a tabular with booktabs.")] = False,
     markdown: Annotated[bool, Option("--markdown", help="As Markdown.")] = False,
+    plugins: Plugins = None,
 ) -> None:
     """Show a result (claim, table, files), a part of its tables, or a shipped config's YAML.
 
@@ -538,26 +567,29 @@ def explain(
         Path, Argument(help="A recorded solve (.json or .npz), or a folder of them.")
     ],
     solver: Annotated[str | None, Option(help="Solve again with this one.")] = None,
+    plugins: Plugins = None,
 ) -> None:
     """Say why a recorded solve failed or was slow, and solve it again."""
+    from ...framework.mpc.diagnosis.explain import compared
+    from ...framework.mpc.diagnosis.solve_record import read_solve
     from ..engine.progress import working
 
-    with working("solving again"):
-        lines = _explained(target, solver)
-    typer.echo("\n".join(lines))
+    for number, path in enumerate(_solves(target)):
+        if number:
+            typer.echo()
+        solve = read_solve(path)
+        typer.echo(f"{path.with_suffix('.json')}\n{solve.text()}")
+        with working("solving again"):
+            lines = compared(solve, solve.again(solver))
+        typer.echo("\n".join([f"solved again with {solver or 'the recorded solver'}:", *lines]))
 
 
-def _explained(target: Path, solver: str | None) -> list[str]:
-    """Lines about one recorded solve, or about all in a folder.
-
-    Parameters
-    ----------
-    target : either file of a pair, or a folder of pairs.
-    solver : what to solve again with; the recorded one by default.
+def _solves(target: Path) -> list[Path]:
+    """Return the file of a recorded solve, or those of all in a folder.
 
     Raises
     ------
-    WideberthError : no recorded solve there, or one that cannot be opened.
+    WideberthError : no recorded solve there.
     """
     if target.is_dir():
         files = sorted(target.glob("solve-*.json"))
@@ -566,22 +598,12 @@ def _explained(target: Path, solver: str | None) -> list[str]:
                 f"{target} holds no recorded solve (solve-*.json); a planner writes them with its "
                 "setting `record`; the plans of a result's episodes are in `wideberth play`"
             )
-        return [line for file in files for line in (*_explain_one(file, solver), "")][:-1]
+        return files
     if target.suffix not in ("", ".json", ".npz"):
         raise WideberthError(
             f"{target} is no recorded solve; wanted a .json or .npz file of one, or their folder"
         )
-    return _explain_one(target, solver)
-
-
-def _explain_one(path: Path, solver: str | None) -> list[str]:
-    from ...framework.mpc.diagnosis.explain import compared
-    from ...framework.mpc.diagnosis.solve_record import read_solve
-
-    solve = read_solve(path)
-    again = f"solved again with {solver or 'the recorded solver'}:"
-    solutions = solve.again(solver)
-    return [str(path.with_suffix(".json")), solve.text(), again, *compared(solve, solutions)]
+    return [target]
 
 
 @app.command(no_args_is_help=True)
@@ -689,6 +711,7 @@ def export(
 
 
 @app.command(no_args_is_help=True)
+@_reading
 def report(
     results: Annotated[
         list[str], Argument(help="Folders of results, or the names of their configs.")
@@ -696,6 +719,7 @@ def report(
     out: Annotated[
         Path, Option(help="HTML file; the Markdown tables are written beside it.")
     ] = Path("report.html"),
+    plugins: Plugins = None,
 ) -> None:
     """Write results as one page that needs nothing else, and as Markdown tables."""
     from ..engine.progress import working
@@ -721,6 +745,7 @@ def _kept_episodes(episode: str, done: str) -> tuple[Path, list[Path]]:
 
 
 @app.command(no_args_is_help=True)
+@_reading
 def play(
     episode: KeptEpisode,
     out: Annotated[Path | None, Option(help="HTML file; the episode's name by default.")] = None,
@@ -729,6 +754,7 @@ def play(
         Option(help="1 - content of the regions; that of the result by default, else 0.05."),
     ] = None,
     open_: Annotated[bool, Option("--open/--no-open", help="Open it in a browser.")] = True,
+    plugins: Plugins = None,
 ) -> None:
     """Step through an episode with plans, forecasts and regions, in a browser."""
     import webbrowser
@@ -746,11 +772,13 @@ def play(
 
 
 @app.command(no_args_is_help=True)
+@_reading
 def film(
     episode: KeptEpisode,
     out: Annotated[
         Path | None, Option(help=".gif, or .mp4 with ffmpeg; NAME.gif by default.")
     ] = None,
+    plugins: Plugins = None,
 ) -> None:
     """Film an episode in space, drawn by MuJoCo; from above where that cannot be."""
     from ...simulation.physics.film import film as filmed
@@ -858,6 +886,7 @@ def world(
 
 
 @app.command(no_args_is_help=True)
+@_reading
 def bag(
     episode: KeptEpisode,
     out: Annotated[
@@ -868,6 +897,7 @@ def bag(
     distribution: Annotated[
         str, Option(help="Of ROS 2: humble, jazzy, kilted or lyrical.")
     ] = "jazzy",
+    plugins: Plugins = None,
 ) -> None:
     """Write an episode as a recording of ROS 2, for RViz and Foxglove."""
     from ..engine.progress import working
@@ -897,7 +927,7 @@ def main(arguments: list[str] | None = None) -> None:
     """
     for name in ROUNDING:
         os.environ.setdefault(name, "1")  # the same rounding for any number of workers
-    sys.path.append("")  # so that "mypkg:Box" is found where the command is given
+    MODULE_FOLDERS[:] = [""]  # "mypkg:Box" is found where the command is given
     pressed = False
 
     def press(*_: object) -> None:

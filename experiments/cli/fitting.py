@@ -17,7 +17,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.tracks import Tracks
 from ...ros.bag_file import is_bag
 from ..engine.errors import describe_error
-from ..engine.provenance import plugin_modules
+from ..engine.provenance import parts
 from ..studies.crowd import TrackFile, seconds
 from ..studies.fitting import check_fit, inside
 from ..studies.prediction_data import pace
@@ -209,9 +209,13 @@ def _learns(before: Any, after: Any) -> bool:
 def named(path: Path, predictor: Predictor) -> str:
     """Say how a config names a saved predictor.
 
-    The modules that registered it, or a plug-in that it holds, must stand in the config too.
+    The modules of it, and of plug-ins that it holds, must stand in the config too: the saved file
+    is data and imports nothing.
     """
-    modules = sorted(plugin_modules(predictor))
+    homes = {type(part).__module__ for part in parts(predictor)}
+    modules = sorted(
+        home for home in homes if home.partition(".")[0] not in ("wideberth", "__main__")
+    )
     more = f" and plugins: [{', '.join(modules)}]" if modules else ""
     return f"predictor: {{saved: {path}}}{more}"
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...framework.plugins.io import read_arrays
 from ...framework.values.arrays import Array
 from ...framework.values.costmap import LETHAL, NO_INFORMATION, Costmap
 from ...simulation.drawing import artists
@@ -59,15 +60,13 @@ def looks_to_bytes(looks: Sequence[CostmapLook]) -> bytes:
 
 def looks_from_bytes(content: bytes) -> list[CostmapLook]:
     """Return the looks of `looks_to_bytes`."""
-    with np.load(BytesIO(content)) as file:
-        found = []
-        for i, time in enumerate(file["times"]):
-            x, y, resolution = (float(value) for value in file[f"place_{i}"])
-            costmap = Costmap(file[f"cells_{i}"], resolution, (x, y))
-            ways = [
-                np.asarray(file[f"{name}_{i}"], np.float64) for name in ("expected", "sampled")
-            ]
-            found.append(CostmapLook(float(time), costmap, ways[0], ways[1]))
+    file = read_arrays(content, "a file of costmaps")
+    found = []
+    for i, time in enumerate(file["times"]):
+        x, y, resolution = (float(value) for value in file[f"place_{i}"])
+        costmap = Costmap(file[f"cells_{i}"], resolution, (x, y))
+        ways = [np.asarray(file[f"{name}_{i}"], np.float64) for name in ("expected", "sampled")]
+        found.append(CostmapLook(float(time), costmap, ways[0], ways[1]))
     return found
 
 

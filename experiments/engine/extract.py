@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ...framework.plugins.registry import load
+from ...framework.plugins.registry import as_data, load
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest, short
 from .column_descriptions import shares
@@ -126,7 +126,8 @@ def answers(folder: Path) -> Extract:
 def answering(study: str, rows: Sequence[Row]) -> list[str]:
     """Return the columns of a summary that answer a study's question; see `main_columns`."""
     try:
-        printed = load("experiments", study).printed
+        with as_data():
+            printed = load("experiments", study).printed
     except WideberthError:  # its plug-in is not there
         printed = ()
     return main_columns(rows, printed)

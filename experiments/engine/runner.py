@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ... import __version__
-from ...framework.plugins.config import build, describe, import_plugins
+from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import expanded, read_json, write_bytes, write_text
+from ...framework.plugins.registry import as_data, note_not_built
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, short
 from ...framework.values.failures import Take, reporting
@@ -283,21 +284,42 @@ def _collect(work: _Work, out: Path) -> None:
     write_text(out / "table.csv", table)
 
 
+@as_data()
 def reopen(folder: Path) -> tuple[Experiment, Result]:
     """Return the experiment and the result of a finished run.
+
+    The config is data, see `as_data`: modules that it lists under ``plugins`` are not imported.
+
+    Raises
+    ------
+    WideberthError : no result there, one that is not finished, or one whose study or plug-ins are
+        not registered.
+    """
+    check_finished(folder)
+    config = read_config(folder / "config.yaml", stored=True)
+    modules = config.pop("plugins", None) or []
+    try:
+        experiment: Experiment = build("experiments", config)
+    except WideberthError as error:
+        listed = f"; it lists plugins: {short(modules)}" if modules else ""
+        reason = f"{folder / 'config.yaml'}: {error}{listed}{_written_by(folder)}"
+        raise WideberthError(reason) from error
+    return experiment, Result(folder)
+
+
+def reopened(folder: Path) -> tuple[Experiment | None, Result]:
+    """Return what `reopen` does; for the experiment None, and a note, where it is not built.
 
     Raises
     ------
     WideberthError : no result there, or one that is not finished.
     """
     check_finished(folder)
-    config = read_config(folder / "config.yaml", stored=True)
     try:
-        import_plugins(config.pop("plugins", []))
-        experiment: Experiment = build("experiments", config)
+        return reopen(folder)
     except WideberthError as error:
-        raise WideberthError(f"{folder / 'config.yaml'}: {error}{_written_by(folder)}") from error
-    return experiment, Result(folder)
+        note_not_built(str(error))
+        return None, Result(folder)
 
 
 def _written_by(folder: Path) -> str:
@@ -312,6 +334,7 @@ def _written_by(folder: Path) -> str:
     return ""
 
 
+@as_data()
 def draw(folder: Path) -> list[Path]:
     """Draw the figures of a finished run into its figures/ and return their files.
 

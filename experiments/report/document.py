@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.io import check_target, read_json, write_text
+from ...framework.plugins.registry import as_data
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
@@ -16,7 +17,7 @@ from ..engine.column_descriptions import ColumnDescription, column_descriptions
 from ..engine.csv_tables import read_table, table_text
 from ..engine.extract import answering, markdown_text, of_rows
 from ..engine.result import condense_times
-from ..engine.runner import draw, reopen
+from ..engine.runner import draw, reopened
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
 from .page import MARK, PLAYER, data_uri, need_templates, page, rendered
 from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail
@@ -62,8 +63,11 @@ class Report:
     headline: Sequence[str] = ()
 
 
+@as_data()
 def gather(folder: Path) -> Report:
     """Read a result; draw its figures first if there are none.
+
+    Of a study that is not registered, see `as_data`, tables and existing figures are reported.
 
     Raises
     ------
@@ -71,13 +75,13 @@ def gather(folder: Path) -> Report:
     """
     if folder.exists() and not folder.is_dir():
         raise WideberthError(f"{folder} is a file; wanted the folder of a result")
-    experiment, result = reopen(folder)
-    if not (folder / "figures").is_dir():
+    experiment, result = reopened(folder)
+    if experiment is not None and not (folder / "figures").is_dir():
         draw(folder)
     drawn = sorted((folder / "figures").rglob("*"))
     return Report(
         name=folder.resolve().name,
-        claim=experiment.claim,
+        claim="" if experiment is None else experiment.claim,
         summary=read_table(folder / "summary.csv"),
         rows=result.rows,
         times=condense_times(result.times),
@@ -87,8 +91,8 @@ def gather(folder: Path) -> Report:
         config=(folder / "config.yaml").read_text(encoding="utf-8"),
         provenance=read_json(folder / "provenance.json", "provenance", 1),
         study=str(read_config(folder / "config.yaml", stored=True).get("type")),
-        captions=experiment.captions,
-        headline=experiment.headline,
+        captions={} if experiment is None else experiment.captions,
+        headline=() if experiment is None else experiment.headline,
     )
 
 
@@ -106,6 +110,7 @@ def origin(provenance: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
+@as_data()
 def report(folders: Sequence[Path], out: Path) -> tuple[Path, Path]:
     """Write a report of results as HTML and, beside it, their tables as Markdown.
 

@@ -14,6 +14,7 @@ import numpy as np
 from ...draw.style import number
 from ...framework.mpc.planner.planner import Planner, planner_behind
 from ...framework.plugins.io import check_target, write_text
+from ...framework.plugins.registry import as_data
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.arrays import Array, probability
 from ...framework.values.errors import WideberthError, nearest
@@ -28,7 +29,7 @@ from ..engine.base import Task
 from ..engine.closed_loop import KEPT_BY, controllers_of, log_name
 from ..engine.errors import as_user_error
 from ..engine.result import read_episode as read_episode
-from ..engine.runner import reopen
+from ..engine.runner import reopened
 from .page import MARK, PLAYER, escaped, filled, page, text_of
 
 TAIL = 0.05
@@ -39,6 +40,7 @@ ROOM = 12_000_000
 """Characters of all packed episodes of a page."""
 
 
+@as_data()
 def play(path: Path, out: Path, tail: float | None = None) -> Path:
     """Write the page of an episode, or of all episodes of a result with a choice between them.
 
@@ -547,11 +549,14 @@ class _Origin:
     planner: Planner | None = None
 
 
+@as_data()
 def _origin(path: Path) -> _Origin:
     """Read the result that keeps an episode; nothing is known of a file that lies elsewhere."""
     try:
         with as_user_error():
-            experiment, _ = reopen(path.resolve().parent.parent)
+            experiment, _ = reopened(path.resolve().parent.parent)
+            if experiment is None:
+                return _Origin()
             named = enumerate(experiment.tasks())
             place, task = next((i, one) for i, one in named if log_name(one) == path.name)
     except (WideberthError, StopIteration):

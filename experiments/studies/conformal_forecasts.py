@@ -1,16 +1,12 @@
 """Forecasts that were published as files, as a predictor."""
 
-import io
-import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias, final
+from typing import ClassVar, TypeAlias, final
 
-import numpy as np
-
-from ...framework.plugins.io import read_bytes
+from ...framework.plugins.io import read_arrays, read_bytes
 from ...framework.predictor import Predictor
 from ...framework.values.arrays import Array, checked
 from ...framework.values.errors import WideberthError
@@ -22,27 +18,6 @@ ByRow: TypeAlias = Mapping[int, Mapping[str, Array]]
 
 LARGEST = 500 * 2**20
 """Bytes of a file."""
-_ADMITTED = {
-    ("numpy", "ndarray"),
-    ("numpy", "dtype"),
-    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core")
-      for name in ("_reconstruct", "scalar")),
-}  # fmt: skip
-
-
-class _Arrays(pickle.Unpickler):
-    """Reads arrays and plain containers, and refuses to run anything else."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Return what rebuilds an array.
-
-        Raises
-        ------
-        pickle.UnpicklingError : anything else.
-        """
-        if (module, name) not in _ADMITTED:
-            raise pickle.UnpicklingError(f"it would run {module}.{name}")
-        return super().find_class(module, name)
 
 
 @lru_cache(maxsize=8)
@@ -51,35 +26,24 @@ def read_forecasts(file: str) -> ByRow:
 
     Parameters
     ----------
-    file : ``.npz`` with ``row`` (K,), ``person`` (K,) and ``forecast`` (K, N, 2), m; or ``.pkl``
-        with a mapping "prediction": row -> person -> (N, 2), m, of arrays and plain containers
-        alone.
+    file : ``.npz`` with ``row`` (K,), ``person`` (K,) and ``forecast`` (K, N, 2), m.
 
     Raises
     ------
     WideberthError : no such file, or something else in it.
     """
-    raw = read_bytes(Path(file), LARGEST)
-    wanted = "wanted an .npz of row, person and forecast, or a .pkl of arrays by row and person"
+    arrays = read_arrays(read_bytes(Path(file), LARGEST), file)
+    found: dict[int, dict[str, Array]] = {}
     try:
-        if file.endswith(".npz"):
-            with np.load(io.BytesIO(raw), allow_pickle=False) as arrays:
-                found: dict[int, dict[Any, Any]] = {}
-                for row, person, ahead in zip(
-                    *(arrays[name] for name in ("row", "person", "forecast")), strict=True
-                ):
-                    found.setdefault(int(row), {})[person] = ahead
-        else:
-            found = _Arrays(io.BytesIO(raw)).load()["prediction"]
-        return {
-            int(row): {
-                str(person): checked("forecast", np.asarray(ahead), (None, 2))
-                for person, ahead in people.items()
-            }
-            for row, people in found.items()
-        }
-    except Exception as error:  # a file may hold anything
-        raise WideberthError(f"{file} holds no forecasts ({error}); {wanted}") from error
+        columns = (arrays[name] for name in ("row", "person", "forecast"))
+        for row, person, ahead in zip(*columns, strict=True):
+            forecast = checked("forecast", ahead, (None, 2))
+            found.setdefault(int(row), {})[str(person)] = forecast
+    except (KeyError, TypeError, ValueError) as error:
+        raise WideberthError(
+            f"{file} holds no forecasts ({error}); wanted arrays row, person and forecast"
+        ) from error
+    return found
 
 
 @final

@@ -132,8 +132,8 @@ class ConformalTable(GridStudy):
     ours : name of the one that the others are compared with.
     recordings : folder with the ETH and UCY recordings under their usual names; a file that comes
         with the package for the synthetic plaza.
-    forecasts : folder with a file for each scene, ``eth.npz`` or ``eth.pkl``, see
-        `conformal_forecasts`; "" for none.
+    forecasts : folder with a file for each scene, such as ``eth.npz``, see `conformal_forecasts`;
+        "" for none.
     every : of the rows with people every how many begins an episode of the second set; 0 for none.
     """
 
@@ -295,8 +295,14 @@ class ConformalTable(GridStudy):
         folder = expanded(self.forecasts)
         if not folder.is_dir():
             raise WideberthError(f"forecasts: {self.forecasts} is no folder")
-        files = (folder / f"{scene}{ending}" for ending in (".npz", ".pkl"))
-        return next((str(file) for file in files if file.is_file()), "")
+        file = folder / f"{scene}.npz"
+        pickled = file.with_suffix(".pkl")
+        if pickled.is_file() and not file.is_file():
+            raise WideberthError(
+                f"forecasts: {pickled} is a pickle, which can run code and is not read; "
+                f"docs/controllers.md says how to write {file.name} of it"
+            )
+        return str(file) if file.is_file() else ""
 
     def _prepared(self, contender: Contender, kind: str, scene: str, start: int) -> Controller:
         """Return a controller with what it was fitted to, and the random state it had there."""

@@ -38,7 +38,8 @@ def folder(kind: str = "jit") -> Path:
 
     Raises
     ------
-    OSError : it cannot be made, its user has no home folder, or other users may write there.
+    OSError : it cannot be made, its user has no home folder, it is a symbolic link, or other
+        users may write there.
     WideberthError : it is among the user's caches, and platformdirs is not installed.
     """
     chosen = os.environ.get("WIDEBERTH_CACHE")
@@ -47,13 +48,31 @@ def folder(kind: str = "jit") -> Path:
     except RuntimeError as error:  # there is no home folder
         raise OSError(f"no place for it: {error}; set WIDEBERTH_CACHE") from None
     root = base.absolute() / kind
+    for place in (base.absolute(), root):
+        if place.is_symlink():
+            raise PermissionError(
+                f"{place} is a symbolic link, which is not followed: set WIDEBERTH_CACHE to the "
+                "folder that it leads to"
+            )
     root.mkdir(0o700, parents=True, exist_ok=True)
-    if not _own(root.stat()):
-        raise PermissionError(
-            f"{root} belongs to another user, or others may write there: remove it, or "
-            f"`chmod 700 {root}` if all in it is yours, or set WIDEBERTH_CACHE"
-        )
+    check_private(root)
     return root
+
+
+def check_private(*paths: Path) -> None:
+    """Refuse files and folders of code that another user could have put there, and links.
+
+    Raises
+    ------
+    OSError : one is a symbolic link, belongs to another user, may be written by others, or is not
+        there.
+    """
+    for path in paths:
+        if path.is_symlink() or not _own(path.stat()):
+            raise PermissionError(
+                f"{path} is a link, belongs to another user, or others may write there: remove "
+                f"it, or `chmod 700 {path}` if all in it is yours, or set WIDEBERTH_CACHE"
+            )
 
 
 def _user_cache() -> str:

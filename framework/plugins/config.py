@@ -11,7 +11,6 @@ import types
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from enum import Enum
-from importlib import import_module
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
@@ -20,8 +19,10 @@ from .deprecated import current
 from .extras import gathered
 from .io import check_target, expanded, read_json, write_json
 from .registry import (
+    as_data,
     choices,
     class_path,
+    import_named,
     load,
     name_of,
     recipe,
@@ -52,7 +53,7 @@ def import_plugins(modules: Sequence[str]) -> None:
         raise WideberthError(f"plugins is {short(modules)}; wanted a list of module names")
     for name in modules:
         try:
-            import_module(name)
+            import_named(name)
         except Exception as error:  # a plug-in's module may fail in any way
             raise WideberthError(f"plugins: {unimportable(name, error)}") from error
 
@@ -436,10 +437,12 @@ def rebuilt(room: str, plugin: Any) -> Any:
     return again
 
 
+@as_data()
 def load_plugin(path: str | Path, room: str) -> Any:
     """Read a plug-in that `save_plugin` wrote.
 
-    A plug-in that a script registered, or one of another package, must be known by then.
+    The file is data: the module of a plug-in that is neither built in nor of an installed package
+    must have been imported.
 
     Raises
     ------

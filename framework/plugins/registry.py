@@ -1,12 +1,16 @@
 """Rooms and the plug-ins in them: from a name to a class, importing nothing until it is used.
 
 A plug-in is found by its built-in name, by a name that a script registered, by the entry point
-of an installed package (groups ``wideberth.predictors`` and so on), or as ``"module:Class"``.
+of an installed package (groups ``wideberth.predictors`` and so on), or as ``"module:Class"``. Only
+what the person who runs the process writes imports a module; a file that is data never does, see
+`as_data`.
 """
 
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -81,6 +85,88 @@ ROOMS = {
 """The rooms stand here as text: the framework imports none of the others."""
 
 _registered: dict[str, dict[str, type]] = {room: {} for room in ROOMS}
+MODULE_FOLDERS: list[str] = []
+"""Where modules that the user names may be, besides `sys.path`; no library is taken from there."""
+_NOT_BUILT: ContextVar[dict[str, None] | None] = ContextVar("not_built", default=None)
+"""Messages of `note_not_built` within the outermost `as_data`; None outside of one."""
+
+
+@contextmanager
+def as_data(report: Callable[[str], None] = warnings.warn) -> Iterator[None]:
+    """Treat what is built within the block as data: no module is imported that a file names.
+
+    A type is found if it is built in, belongs to an installed package, or is in a module that this
+    process has imported before. Within another such block it does nothing.
+
+    Parameters
+    ----------
+    report : is called at the end of the block with each message of `note_not_built`.
+    """
+    if _NOT_BUILT.get() is not None:
+        yield
+        return
+    messages: dict[str, None] = {}
+    token = _NOT_BUILT.set(messages)
+    try:
+        yield
+    finally:
+        _NOT_BUILT.reset(token)
+    for message in messages:
+        report(message)
+
+
+def note_not_built(message: str) -> None:
+    """Note a part of a file that is shown as text, since its type was not found."""
+    messages = _NOT_BUILT.get()
+    if messages is not None:
+        messages[message] = None
+
+
+def named(target: str, registered: Collection[str] = ()) -> Any:
+    """Return what "module:name" means; every text that may name a module passes here.
+
+    Within `as_data` no module but a registered one is imported, and no lazy attribute is resolved.
+
+    Parameters
+    ----------
+    registered : targets that the package or an installed one offers.
+
+    Raises
+    ------
+    WideberthError : a module that cannot be imported or lacks the name; within `as_data` a module
+        that nothing has imported yet.
+    """
+    if target in registered:
+        return _imported(target)
+    if _NOT_BUILT.get() is None:
+        sys.path.extend(place for place in MODULE_FOLDERS if place not in sys.path)
+        return _imported(target)
+    from inspect import getattr_static
+
+    module, _, name = target.partition(":")
+    if module not in sys.modules:
+        raise WideberthError(f"{short(target)} is named by a file{trust([module])}")
+    found: Any = sys.modules[module]
+    for part in name.split("."):
+        found = getattr_static(found, part, None)
+    if found is None:
+        raise WideberthError(f"{short(target)}: module {short(module)} has no {short(name)}")
+    return found
+
+
+def trust(modules: Iterable[str]) -> str:
+    """Return how to build what a file names; it ends the messages of files that are data."""
+    listed = " ".join(f"--plugins {short(name)}" for name in modules) or "--plugins MODULE"
+    return (
+        f"; a file that is data imports no module: if you trust it, give {listed} on the command "
+        "line, or import the module before the file is read in Python"
+    )
+
+
+def import_named(module: str) -> None:
+    """Import a module that the user named, which may register plug-ins."""
+    sys.path.extend(place for place in MODULE_FOLDERS if place not in sys.path)
+    import_module(module)
 
 
 def room_name(text: str) -> str:
@@ -142,7 +228,7 @@ def load(room: str, target: str) -> type[Any]:
     """
     room = room_name(room)
     if ":" in target:
-        found = _imported(target)
+        found = named(target, targets(room).values())
     elif target in _registered[room]:
         found = _registered[room][target]
     elif target in _built_in(room):
@@ -156,6 +242,7 @@ def load(room: str, target: str) -> type[Any]:
             "; 'module:Class' names any other class, and `plugins: [module]` in a config imports "
             "a module that registers names"
         )
+        advice = advice if _NOT_BUILT.get() is None else trust(())
         raise WideberthError(unknown(room.removesuffix("s"), target, choices(room)) + advice)
     base = base_class(room)
     if not (isinstance(found, type) and issubclass(found, base)):

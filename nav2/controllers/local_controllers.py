@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from importlib import import_module
 from typing import Any, final
 
+from ...framework.plugins.registry import named
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, nearest
 from ..parameters import NAMES, Limited, effective, made, marks_of, names_of
@@ -143,14 +143,10 @@ def _shim(found: type[LocalController], parameters: Mapping[str, Any]) -> LocalC
 def _imported(local: str) -> type[LocalController]:
     """Import the class of a local controller."""
     target = LOCAL.get(local, local)
-    module, colon, name = target.partition(":")
-    if not colon:
+    if ":" not in target:
         known = f"{nearest(local, LOCAL)} Known: {', '.join(sorted(LOCAL))}"
         raise WideberthError(f"there is no local controller {local!r}{known}, or 'module:Class'")
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise WideberthError(f"local controller {local!r} cannot be imported: {error}") from None
+    found = named(target, LOCAL.values())
     if not (isinstance(found, type) and issubclass(found, LocalController)):
-        raise WideberthError(f"{name} is no LocalController")
+        raise WideberthError(f"local controller {local!r} is no LocalController")
     return found

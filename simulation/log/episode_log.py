@@ -18,6 +18,7 @@ import numpy as np
 from ...draw.style import picture, png
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import parse_json, read_arrays, stamped, unstamped
+from ...framework.plugins.registry import as_data, note_not_built
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.footprint import Discs, Footprint, Outline
@@ -302,8 +303,11 @@ def write_episode(episode: Episode) -> bytes:
     return buffer.getvalue()
 
 
+@as_data()
 def read_episode(data: bytes) -> Episode:
     """Read the bytes of `write_episode`.
+
+    A region whose type is not registered, see `as_data`, is left out with a warning.
 
     Raises
     ------
@@ -367,10 +371,11 @@ def _region_of(agent: AgentLog) -> dict[str, Any] | None:
 
 
 def _built_region(config: dict[str, Any] | None) -> Any:
-    """Build a region again; None where its plug-in is not there."""
+    """Build a region again; None, and a note, where its plug-in is not there."""
     try:
         return None if config is None else build("regions", config)
-    except WideberthError:
+    except WideberthError as error:
+        note_not_built(f"the region of the plans is not drawn: {error}")
         return None
 
 

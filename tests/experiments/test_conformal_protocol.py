@@ -8,6 +8,7 @@ import pytest
 
 from wideberth.controllers.acp import AdaptiveConformalPlanner
 from wideberth.controllers.cc import ConformalController
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.conformal_forecasts import PublishedForecasts, read_forecasts
 from wideberth.experiments.studies.conformal_protocol import (
     MOST,
@@ -146,15 +147,12 @@ def test_forecasts_come_from_the_file_where_it_has_them(tmp_path):
     ahead = np.cumsum(np.ones((12, 2)), axis=0)
     np.savez(tmp_path / "a.npz", row=np.array([7, 7]), person=np.array([1, 4]),
              forecast=np.stack([ahead, 2 * ahead]))  # fmt: skip
-    with (tmp_path / "a.pkl").open("wb") as stream:
-        pickle.dump({"prediction": {np.int64(7): {1: ahead, 4: 2 * ahead}}}, stream)
     places = np.arange(12.0).reshape(2, 3, 2)
-    for name in ("a.npz", "a.pkl"):
-        known = PublishedForecasts(str(tmp_path / name), ConstantVelocity(window=1))
-        tracks = Tracks(places, 0.4, ("4", "5"), np.ones(2), np.zeros((2, 2, 2)), 2.8)
-        found = known.predict(tracks, 12)
-        np.testing.assert_array_equal(found.mean[0, 0], 2 * ahead)
-        np.testing.assert_allclose(found.mean[1, 0, 0], places[1, -1] + (2.0, 2.0))
+    known = PublishedForecasts(str(tmp_path / "a.npz"), ConstantVelocity(window=1))
+    tracks = Tracks(places, 0.4, ("4", "5"), np.ones(2), np.zeros((2, 2, 2)), 2.8)
+    found = known.predict(tracks, 12)
+    np.testing.assert_array_equal(found.mean[0, 0], 2 * ahead)
+    np.testing.assert_allclose(found.mean[1, 0, 0], places[1, -1] + (2.0, 2.0))
 
 
 class Harmful:
@@ -162,18 +160,32 @@ class Harmful:
         return print, ("this ran",)
 
 
-def test_a_file_that_would_run_something_is_refused(tmp_path, capsys):
-    file = tmp_path / "bad.pkl"
-    with file.open("wb") as stream:
-        pickle.dump({"prediction": Harmful()}, stream)
-    with pytest.raises(WideberthError, match=r"it would run builtins\.print"):
-        read_forecasts(str(file))
+def test_pickled_forecasts_are_refused(tmp_path, capsys):
+    for content in (Harmful(), np.ones(3)):
+        file = tmp_path / "eth.pkl"
+        file.write_bytes(pickle.dumps({"prediction": content}))
+        with pytest.raises(WideberthError, match="is no npz archive"):
+            read_forecasts(str(file))
+    np.savez(tmp_path / "objects.npz", row=np.array([Harmful()]), person=[1], forecast=[[1.0]])
+    with pytest.raises(WideberthError, match="damaged npz archive"):
+        read_forecasts(str(tmp_path / "objects.npz"))
     assert "this ran" not in capsys.readouterr().out
+    folders = [f"{name}={tmp_path}" for name in ("recordings", "forecasts")]
+    table = read_experiment("conformal_table", folders)[0]
+    with pytest.raises(WideberthError, match=r"eth\.pkl is a pickle"):
+        table._forecast_file("eth")
+    assert table._forecast_file("hotel") == ""
+
+
+def test_forecasts_of_another_shape_are_refused(tmp_path):
     with pytest.raises(WideberthError, match="absent"):
-        read_forecasts(str(tmp_path / "absent.pkl"))
-    file.write_bytes(b"nothing")
+        read_forecasts(str(tmp_path / "absent.npz"))
+    np.savez(tmp_path / "a.npz", row=[1], person=[1], forecast=np.ones((1, 4, 3)))
     with pytest.raises(WideberthError, match="holds no forecasts"):
-        read_forecasts(str(file))
+        read_forecasts(str(tmp_path / "a.npz"))
+    np.savez(tmp_path / "a.npz", row=[1], person=[1])
+    with pytest.raises(WideberthError, match="holds no forecasts"):
+        read_forecasts(str(tmp_path / "a.npz"))
 
 
 def test_published_decisions_count_rows_and_others_the_clock():

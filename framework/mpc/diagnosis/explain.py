@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...plugins.config import build, describe
+from ...plugins.registry import as_data
 from ...predictor import Predictor
 from ...region import Convex
 from ...values.errors import WideberthError
@@ -148,10 +149,6 @@ class SolveRecord:
     def text(self) -> str:
         """Say what happened: rung, reason, sizes, and what the plan taken breaks."""
         found, config = self.verdict, self.planner
-        slots = zip(self.problem().slots, self.parameters.slots, strict=True)
-        counts = ", ".join(
-            f"{int(own.active.sum())} {one.name}s in {one.count} slots" for one, own in slots
-        )
         plugs = ", ".join(_name(config[key]) for key in ("robot", "region", "level", "solver"))
         first = (found.rung, found.given_way, f"solver: {found.status}")
         lines = [
@@ -165,9 +162,16 @@ class SolveRecord:
                 for number, end in enumerate(self.ends, start=1)
                 if end.startswith(Status.GIVEN_UP)
             ),
-            f"{plugs}; N = {len(self.point.inputs)}, {counts}",
         ]
-        return "\n".join([*lines, *self._broken(), *self._between()])
+        sizes = f"{plugs}; N = {len(self.point.inputs)}"
+        try:
+            slots = zip(self.problem().slots, self.parameters.slots, strict=True)
+        except WideberthError as error:
+            return "\n".join([*lines, sizes, f"the problem cannot be assembled: {error}"])
+        counts = ", ".join(
+            f"{int(own.active.sum())} {one.name}s in {one.count} slots" for one, own in slots
+        )
+        return "\n".join([*lines, f"{sizes}, {counts}", *self._broken(), *self._between()])
 
     def _broken(self) -> list[str]:
         """Table of what the plan taken breaks, worst first."""
@@ -209,7 +213,12 @@ class SolveRecord:
         unknown = f"{NotKept.__module__}:{NotKept.__qualname__}"
         config = {**self.planner, "predictor": unknown}
         config.pop("record", None)
-        made: PlannerSettings = build("controllers", config)
+        with as_data():
+            made = build("controllers", config)
+        if not isinstance(made, PlannerSettings):
+            raise WideberthError(
+                f"the recorded planner is {_name(config)!r}; wanted the settings of an mpc planner"
+            )
         return made
 
 

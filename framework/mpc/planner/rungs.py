@@ -23,12 +23,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from importlib import import_module
 from typing import ClassVar, final
 
 import numpy as np
 
-from ...plugins.registry import unknown
+from ...plugins.registry import named, unknown
 from ...values.arrays import Array, whole
 from ...values.errors import WideberthError, short
 from ...values.plan import TOLERANCE, Plan, Rung
@@ -346,18 +345,14 @@ def _made(name: str) -> FallbackRung:
 
 @cache
 def _rung(name: str) -> type[FallbackRung]:
-    module, colon, own = name.partition(":")
-    if not colon:
+    if ":" not in name:
         if name not in RUNGS:
             raise WideberthError(f"fallback.rungs: {unknown('rung', name, RUNGS)}")
         return RUNGS[name]
     try:
-        found = vars(import_module(module))[own]
-    except Exception as error:  # a third party's module may fail in any way
-        raise WideberthError(
-            f"fallback.rungs names {name!r}, which cannot be imported ({type(error).__name__}: "
-            f"{error}); wanted 'module:Class'"
-        ) from error
+        found = named(name)
+    except WideberthError as error:
+        raise WideberthError(f"fallback.rungs: {error}; wanted 'module:Class'") from error
     if not (isinstance(found, type) and issubclass(found, FallbackRung)):
         raise WideberthError(f"fallback.rungs names {name!r}, which is no FallbackRung")
     return found
