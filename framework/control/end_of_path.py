@@ -1,4 +1,4 @@
-"""The end of a path: how fast a robot may approach it, when it is there, and how it turns there."""
+"""The end of a path: how fast a robot approaches it, when it is there, and how it turns there."""
 
 from dataclasses import dataclass
 from math import atan2, copysign, cos, hypot, inf, sin, sqrt
@@ -11,7 +11,7 @@ from ..values.arrays import FARTHEST, Array
 from ..values.motion import Pose, Twist
 from ..values.path import Path
 from ..values.path_progress import PathProgress
-from .command_limits import FAST, attained, deceleration
+from .command_limits import FAST, FOREVER, attained, deceleration
 
 LEFT = 1.0
 """m of the path; with more of it ahead, a robot beside the path's end only passes by."""
@@ -42,8 +42,8 @@ class EndLimits:
     def of(cls, robot: Robot) -> "EndLimits":
         """Return the limits of a robot in the plane."""
         still, turn = np.zeros(len(robot.states)), [Twist((0.0, 0.0), FAST)]
-        rate = float(attained(robot, still, turn)[0, 2])
-        return cls(deceleration(robot), rate, float(attained(robot, still, turn, SOON)[0, 2]) / SOON)
+        rate, soon = (float(attained(robot, still, turn, time)[0, 2]) for time in (FOREVER, SOON))
+        return cls(deceleration(robot), rate, soon / SOON)
 
 
 @final

@@ -295,7 +295,7 @@ int main(int count, char ** words)
   } else if (scenario == "placeless") { // their frame is not known
     server.before = [](Server & one) {one.see(2.0, 6.0, one.now(), "nowhere");};
     server.drive(straight(3.0, 0.0), 0.0);
-  } else if (scenario == "passing") { // X Y VX VY: somebody who walks
+  } else if (scenario == "passing") { // X Y VX VY: a person who walks
     server.before = [&](Server & one) {
         const double since = one.now() - 100.0;
         one.see(number(2) + since * number(4), number(3) + since * number(5), one.now());

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from wideberth.benchmarks.exported_folder import fits
+from wideberth.experiments.cli import app as cli
 from wideberth.experiments.cli.export import whole_planner
 from wideberth.framework.control.command_limits import attained
 from wideberth.framework.control.end_of_path import Approach, Arrival, Spin
@@ -225,7 +226,8 @@ def test_a_failed_configuration_is_said_and_can_be_repeated(server: Server) -> N
     *lines, driven = server.output("configure")
     said = [line for line in lines if line.startswith("ERROR FollowPath is not configured: ")]
     done = [line for line in lines if line not in said]
-    wrong = ["integer", "integer again", *["out of range"] * 5, "not built", "bool", "pose", "radius"]
+    wrong = ["integer", "integer again", *5 * ["out of range"], "not built", "bool"]
+    wrong += ["pose", "radius"]
     failed = [f"{name}: failed" for name in wrong]
     assert done == [*failed, "right: configured", "node gone: failed", "right again: configured"]
     assert len(said) == len(wrong) + 1
@@ -266,7 +268,8 @@ def test_two_exports_drive_side_by_side(tmp_path: Path) -> None:
     compile_cpp(program, *words)
 
     def rows(*taken: int) -> Array:
-        call = [program, "load", *(files[k] for k in taken), *(names[k] for k in taken)]
+        loaded = [str(files[k]) for k in taken] + [names[k] for k in taken]
+        call = [str(program), "load", *loaded]
         done = subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
         assert done.returncode == 0, done.stdout + done.stderr
         return np.array([line.split() for line in done.stdout.splitlines()], float)
@@ -277,7 +280,11 @@ def test_two_exports_drive_side_by_side(tmp_path: Path) -> None:
 
 
 def test_a_name_is_that_of_package_library_and_class(tmp_path: Path) -> None:
-    place = exported(planner(), tmp_path / "export", "hall_planner")
+    place = tmp_path / "export"
+    words = ["export", "crossing", "--out", str(place), "--name", "hall_planner"]
+    with pytest.raises(WideberthError, match="give --planner"):
+        cli.app(words, standalone_mode=False)
+    cli.app([*words, "--planner"], standalone_mode=False)
     texts = {one.name: one.read_text() for one in place.iterdir() if one.suffix != ".a"}
     assert not [name for name, text in texts.items() if "wideberth_nav2" in name + text]
     assert "<name>hall_planner</name>" in texts["package.xml"]
@@ -287,7 +294,9 @@ def test_a_name_is_that_of_package_library_and_class(tmp_path: Path) -> None:
     assert "namespace hall_planner\n" in texts["hall_planner.cpp"]
 
 
-@pytest.mark.parametrize("name", ["", "Hall", "hall planner", "2nd", "hall__a", "hall_", "package", "a-b"])
+@pytest.mark.parametrize(
+    "name", ["", "Hall", "hall planner", "2nd", "hall__a", "hall_", "package", "a-b"]
+)
 def test_a_name_that_no_package_can_have_is_refused(name: str) -> None:
     with pytest.raises(WideberthError, match="name is"):
         whole_planner(planner(), "test", machine(NATIVE), package=name)

@@ -66,8 +66,10 @@ def bundle(one: ExportedPlanner) -> dict[str, str | bytes]:
         "wideberth_solver.c": source("wideberth_solver.c"),
         ARCHIVE: one.solver.native.archive(),
         "loop.c": _code("loop.c"),
-        **{name.replace(NAV2, one.package): _code(name, "nav2").replace(NAV2, one.package)
-           for name in PACKAGE},
+        **{
+            name.replace(NAV2, one.package): _code(name, "nav2").replace(NAV2, one.package)
+            for name in PACKAGE
+        },
         "Makefile": rendered("planner/Makefile", sources=SOURCES),
     }
     return {**found, MANIFEST: manifest(one.solver, [*found], {})}
