@@ -107,7 +107,7 @@ def included(folder: Path, headers: tuple[str, ...]) -> list[str]:
 
 def compile_cpp(out: Path, *words: str) -> None:
     """Compile C++ sources to a file."""
-    call = [str(CPP), "-O1", "-std=c++20", "-Wall", "-Wextra", "-Werror", "-o", str(out), *words]
+    call = [str(CPP), "-O0", "-std=c++20", "-Wall", "-Wextra", "-Werror", "-o", str(out), *words]
     made = subprocess.run(call, capture_output=True, text=True, check=False)
     assert made.returncode == 0, made.stderr
 
@@ -156,7 +156,7 @@ def test_a_path_of_one_place_ahead_is_driven_to(server: Server) -> None:
 def test_it_does_not_circle_the_end_after_passing_a_person(server: Server, walk: Any) -> None:
     """It used to turn once round: 7.5 rad."""
     (found,) = server.results("passing", *walk)
-    assert found.code == SUCCESS and found.swept < 2.0 * np.pi - 1.0
+    assert found.code == SUCCESS and found.swept < 2.0 * np.pi - 0.5
     assert abs(found.heading) <= NEAR
 
 

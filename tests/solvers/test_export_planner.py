@@ -342,7 +342,7 @@ def test_the_nav2_controller_drives(
     lines = done.stdout.splitlines()
     none = "no obstacles: the message on obstacles has not come yet"
     assert lines[:2] == ["no path: no path is set", none]
-    assert lines[-2].startswith("late: the message on obstacles is 2.0")
+    assert lines[-2].startswith("late: the message on obstacles is 2.")
     assert lines[-1] == "no frame: no transform"
     time, x, y, speed, turn, px, py = np.array([line.split() for line in lines[2:-2]], float).T
     assert abs(x[-1] - 10.0) < 0.1 and abs(y[-1]) < 0.1 and abs(speed[-1]) < 0.02

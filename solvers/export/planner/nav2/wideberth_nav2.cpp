@@ -56,6 +56,7 @@ static_assert(
 
 constexpr double AHEAD = 0.2;       // s, by which a stamp may lie ahead of this clock
 constexpr double TOLERANCE = 0.25;  // m, where the goal checker states none: Nav2's
+constexpr double SLOW = 0.05;       // m/s; a faster robot goes on into the tolerance, see `look`
 constexpr double STANDING = 0.01;   // m/s; a slower robot stands, and may turn on the spot
 constexpr double POINT = 1e-3;      // m, length of the path to the place of poses that are all equal
 
@@ -518,9 +519,10 @@ private:
     geometry_msgs::msg::Twist slow;
     const bool stated =
       checker && checker->getTolerances(within, slow) && within.position.x > 0.0;
-    const bool was = there_;
-    there_ =
-      wideberth_planner_arrived(planner_, state, stated ? within.position.x : TOLERANCE) != 0;
+    const double tolerance = stated ? within.position.x : TOLERANCE;
+    const bool was = there_, is_slow = std::hypot(put_out_[0], put_out_[1]) <= SLOW;
+    // well within the tolerance, so that noise of the pose does not take the goal away again
+    there_ = wideberth_planner_arrived(planner_, state, (is_slow ? 1.0 : 0.25) * tolerance) != 0;
     if (due || (was && !there_)) {
       decide(state, people(std::move(received), frame), now);
     }
