@@ -11,8 +11,8 @@ from typing import Any, final
 
 import numpy as np
 
-from ..framework.control.command_limits import FAST, attained, turns_on_the_spot, within_reach
-from ..framework.control.end_of_path import Approach, Arrival
+from ..framework.control.command_limits import attained, turns_on_the_spot, within_reach
+from ..framework.control.end_of_path import Approach, Arrival, Spin
 from ..framework.control.room_to_stop import RoomToStop
 from ..framework.controller import Controller, avoids_polygons
 from ..framework.mpc.planner.in_time import VelocityInTime
@@ -169,7 +169,7 @@ class PlannerNode:
         self._obstacles: ObstacleSource | None = None
         self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None
-        self._approach = Approach(robot)
+        self._approach, self._spin = Approach(robot), Spin(robot, 1.0 / settings.rate)
         self._room_to_stop = RoomToStop(robot, settings.patience)
         self._no_route = ""
         self._open_topics(link)
@@ -611,13 +611,7 @@ class PlannerNode:
         return float(cosine * x - sine * y), float(sine * x + cosine * y)
 
     def _aim(self, now: float) -> Twist:
-        """Return what the controller wants, or the turn on the spot of a robot at its goal.
-
-        The rate w of a turn that is off by e brakes in time at half of what the robot can do, and
-        dies out in a few periods P::
-
-            w = sign(e) min(sqrt(a |e|), |e| / (4 P))
-        """
+        """Return what the controller wants, or the turn on the spot of a robot at its goal."""
         assert self._wanted is not None and self._last is not None
         if self._turn is None:
             aim = self._wanted.at(now)
@@ -630,16 +624,7 @@ class PlannerNode:
         moving = np.hypot(*self._last[:2]) > STANDING
         if self._room != self._turn or moving or not np.isfinite(off):
             return Twist((0.0, 0.0))
-        rate = min(np.sqrt(self._turning * abs(off)), 0.25 * self.settings.rate * abs(off))
-        return Twist((0.0, 0.0), float(np.copysign(rate, off)))
-
-    @cached_property
-    def _turning(self) -> float:
-        """How much faster the robot can turn on the spot in a second, rad/s^2; 0 if not at all."""
-        still, rate = np.zeros(len(self.robot.states)), self.settings.rate
-        return rate * float(
-            attained(self.robot, still, [Twist((0.0, 0.0), FAST)], 1.0 / rate)[0, 2]
-        )
+        return Twist((0.0, 0.0), self._spin.rate(off))
 
     def _begin(self, now: float) -> None:
         """Start at the velocity that the robot has."""

@@ -677,10 +677,15 @@ def export(
             "linux-x86_64-v3 or linux-aarch64."
         ),
     ] = None,
+    name: Annotated[
+        str | None,
+        Option(help="Of --planner: the ROS 2 package around it; wideberth_nav2 by default."),
+    ] = None,
     set_: Set = None,
     force: Annotated[bool, Option("--force", help="Replace an older export.")] = False,
 ) -> None:
     """Write a planner as C: its problem, its solver, or all of it; each with an example."""
+    from ...solvers.export.planner.tables import NAV2
     from ...solvers.export.solver.native import NATIVE
     from ..engine.progress import working
     from .export import export as write
@@ -691,6 +696,8 @@ def export(
         raise WideberthError(
             "--target says what object code is made for; give --solver or --planner with it"
         )
+    if name is not None and not planner:
+        raise WideberthError("--name is that of a ROS 2 package; give --planner with it")
 
     with working(f"writing {out}"):
         source = write(
@@ -703,6 +710,7 @@ def export(
             corners=corners,
             target=(target or NATIVE) if solver or planner else None,
             whole=planner,
+            package=NAV2 if name is None else name,
             force=force,
         )
     object_code = solver or planner

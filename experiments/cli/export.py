@@ -28,7 +28,7 @@ from ...solvers.export.bundle import bundle, check_target, write_folder
 from ...solvers.export.planner.files import bundle as planner_bundle
 from ...solvers.export.planner.kernels import kernels
 from ...solvers.export.planner.supported import refuse
-from ...solvers.export.planner.tables import ExportedPlanner
+from ...solvers.export.planner.tables import NAV2, ExportedPlanner
 from ...solvers.export.solver.files import bundle as solver_bundle
 from ...solvers.export.solver.measured import needs
 from ...solvers.export.solver.native import NATIVE, Machine, Native, machine
@@ -77,6 +77,7 @@ def export(
     corners: int = CORNERS[0],
     target: str | None = None,
     whole: bool = False,
+    package: str = NAV2,
     force: bool = False,
 ) -> str:
     """Write the problem of a config's planner as C and return what it is the problem of.
@@ -91,6 +92,7 @@ def export(
     target : what to make the solver's object code for, see `native.targets`; None writes no
         solver but the problem's functions.
     whole : whether the planner around the solver is written too, with as many slots as it uses.
+    package : name of the ROS 2 package around a whole planner.
     force : whether an older export is replaced.
 
     Raises
@@ -113,7 +115,8 @@ def export(
         polygons = 0 if chosen.static_region is None else POLYGONS
     source = f"{config_path(config).stem}, {name}"
     if whole:
-        made = planner_bundle(whole_planner(chosen, source, machine(target or NATIVE), corners))
+        where = machine(target or NATIVE)
+        made = planner_bundle(whole_planner(chosen, source, where, corners, package))
         write_folder(out, made, force=force)
         return source
     sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
@@ -127,13 +130,17 @@ def export(
 
 
 def whole_planner(
-    planner: Planner, source: str, where: Machine, corners: int = CORNERS[0]
+    planner: Planner,
+    source: str,
+    where: Machine,
+    corners: int = CORNERS[0],
+    package: str = NAV2,
 ) -> ExportedPlanner:
     """Gather what is written of a planner with all that is around its solver.
 
     Raises
     ------
-    WideberthError : the planner in C lacks what this one needs.
+    WideberthError : the planner in C lacks what this one needs, or no package has such a name.
     """
     robot = refuse(planner, corners)
     most = _slots("most_obstacles", max(planner.most_obstacles, 1))
@@ -142,7 +149,7 @@ def whole_planner(
     made = solver(planner, one, where)
     exact = kernels(robot, one.problem)
     return ExportedPlanner(
-        planner, replace(made, native=replace(made.native, exact=exact), more=True)
+        planner, replace(made, native=replace(made.native, exact=exact), more=True), package
     )
 
 

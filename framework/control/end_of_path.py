@@ -1,6 +1,7 @@
-"""The end of a path: how fast a robot may approach it, and when it is there."""
+"""The end of a path: how fast a robot approaches it, when it is there, and how it turns there."""
 
-from math import atan2, cos, hypot, inf, sin, sqrt
+from dataclasses import dataclass
+from math import atan2, copysign, cos, hypot, inf, sin, sqrt
 from typing import final
 
 import numpy as np
@@ -10,7 +11,7 @@ from ..values.arrays import FARTHEST, Array
 from ..values.motion import Pose, Twist
 from ..values.path import Path
 from ..values.path_progress import PathProgress
-from .command_limits import FAST, attained, deceleration
+from .command_limits import FAST, FOREVER, attained, deceleration
 
 LEFT = 1.0
 """m of the path; with more of it ahead, a robot beside the path's end only passes by."""
@@ -18,6 +19,31 @@ SHIFT = 0.02
 """m; a path that comes once more, whose end has moved no further, has the same end."""
 SHARE = 0.8
 """Of the robot's deceleration and yaw rate, that an approach counts on."""
+SOON = 1e-3
+"""s, in which the acceleration of the yaw rate is measured."""
+
+
+@final
+@dataclass(frozen=True)
+class EndLimits:
+    """What a robot can do near the end of its path; the exported planner has the same numbers.
+
+    Parameters
+    ----------
+    braking : m/s^2. yaw_rate : rad/s, on the spot; 0 for a robot that cannot turn there.
+    yaw_acceleration : rad/s^2, from a standstill.
+    """
+
+    braking: float
+    yaw_rate: float
+    yaw_acceleration: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> "EndLimits":
+        """Return the limits of a robot in the plane."""
+        still, turn = np.zeros(len(robot.states)), [Twist((0.0, 0.0), FAST)]
+        rate, soon = (float(attained(robot, still, turn, time)[0, 2]) for time in (FOREVER, SOON))
+        return cls(deceleration(robot), rate, soon / SOON)
 
 
 @final
@@ -41,10 +67,9 @@ class Approach:
     """
 
     def __init__(self, robot: Robot) -> None:
-        still = np.zeros(len(robot.states))
-        self._braking = SHARE * deceleration(robot)
-        self._turning = SHARE * float(attained(robot, still, [Twist((0.0, 0.0), FAST)])[0, 2])
-        self._headed = robot.pose(tuple(still)).heading is not None
+        limits = EndLimits.of(robot)
+        self._braking, self._turning = SHARE * limits.braking, SHARE * limits.yaw_rate
+        self._headed = robot.pose((0.0,) * len(robot.states)).heading is not None
         self._progress: PathProgress | None = None
 
     def limited(self, path: Path, pose: Pose, twist: Twist) -> Twist:
@@ -106,3 +131,28 @@ class Arrival:
         near = distance <= (1.0 + self.there) * self._tolerance
         self.there = near and path.length - arc <= LEFT
         return self.there
+
+
+@final
+class Spin:
+    """Turns a standing robot on the spot to a heading.
+
+    The yaw rate w of a robot whose heading is off by e brakes in time at half of its deceleration
+    a, and dies out in a few periods P::
+
+        w = sign(e) min(sqrt(a |e|), |e| / (4 P))
+
+    Parameters
+    ----------
+    robot : in the plane. period : s between two commands.
+    """
+
+    def __init__(self, robot: Robot, period: float) -> None:
+        limits = EndLimits.of(robot)
+        self._period = period
+        self._acceleration = min(limits.yaw_acceleration, limits.yaw_rate / period)
+
+    def rate(self, off: float) -> float:
+        """Return the yaw rate, rad/s, of a robot that has to turn by an angle, rad."""
+        size = abs(off)
+        return copysign(min(sqrt(self._acceleration * size), 0.25 * size / self._period), off)

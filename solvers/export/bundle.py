@@ -27,7 +27,7 @@ _BUILT = ("example", "example.o", "wideberth.o", "stage_functions.o", "wideberth
           "nlp_functions.o", "loop", "loop_cpp", "wideberth_solver.o", "libwideberth_planner.a",
           "libwideberth_planner.so", "wideberth_planner.o", "planner_tracks.o",
           "planner_forecast.o", "planner_motion.o", "planner_walls.o", "planner_scene.o",
-          "planner_verify.o", "planner_ladder.o")  # fmt: skip
+          "planner_verify.o", "planner_ladder.o", "planner_end.o")  # fmt: skip
 """What ``make`` leaves in the folder of an export."""
 
 

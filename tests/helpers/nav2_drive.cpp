@@ -5,8 +5,6 @@
 
 #include "nav2_stub.hpp"
 
-std::unique_ptr<nav2_core::Controller> made_plugin();
-
 namespace
 {
 constexpr double TICK = 0.05, YAW = 0.3, AT[2] = {1.0, 2.0}; // of odom on the map
@@ -18,7 +16,8 @@ struct World
   std::shared_ptr<tf2_ros::Buffer> tf = std::make_shared<tf2_ros::Buffer>();
   std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap =
     std::make_shared<nav2_costmap_2d::Costmap2DROS>();
-  std::unique_ptr<nav2_core::Controller> controller = made_plugin();
+  std::unique_ptr<nav2_core::Controller> controller =
+    pluginlib::known().at("wideberth_nav2::Controller")();
   double x = 0.0, y = 0.0, heading = 0.0;  // in odom, whose x axis the path follows
   geometry_msgs::msg::Twist moving;
 };
@@ -83,7 +82,7 @@ void see(World & world, double px, double py, double stamp)
 geometry_msgs::msg::Twist asked(World & world)
 {
   geometry_msgs::msg::PoseStamped pose;
-  pose.header.frame_id = "odom";
+  pose.header.frame_id = "odom", pose.header.stamp = world.node->clock->now();
   pose.pose.position = {world.x, world.y, 0.0}, pose.pose.orientation = turned(world.heading);
 #if __has_include("nav2_ros_common/lifecycle_node.hpp")
   return world.controller->computeVelocityCommands(pose, world.moving, nullptr, {}, {}).twist;

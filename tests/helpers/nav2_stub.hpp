@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <cstdio>
 #include <functional>
 #include <map>
 #include <memory>
@@ -56,7 +57,11 @@ struct ObstacleArrayMsg { std_msgs::msg::Header header; std::vector<ObstacleMsg>
 
 namespace rcl_interfaces::msg
 {
-struct ParameterDescriptor { std::string description; bool read_only = false; };
+struct ParameterDescriptor
+{
+  std::string description;
+  bool read_only = false, dynamic_typing = false;
+};
 }
 
 namespace rclcpp
@@ -90,27 +95,37 @@ inline Logger get_logger(const std::string &) {return {};}
 struct SensorDataQoS {};
 struct SubscriptionBase { using SharedPtr = std::shared_ptr<SubscriptionBase>; };
 
-using Value = std::variant<bool, double, std::string>;
+using Value = std::variant<bool, int64_t, double, std::string>;
+enum ParameterType {PARAMETER_BOOL, PARAMETER_INTEGER, PARAMETER_DOUBLE, PARAMETER_STRING};
+inline std::string to_string(ParameterType type)
+{
+  return std::array{"bool", "integer", "double", "string"}[type];
+}
 struct ParameterValue
 {
   Value value;
   explicit ParameterValue(const Value & given) : value(given) {}
+  ParameterType get_type() const {return static_cast<ParameterType>(value.index());}
 };
 struct Parameter
 {
   Value value;
+  ParameterType get_type() const {return ParameterValue(value).get_type();}
+  std::string get_type_name() const {return to_string(get_type());}
   template<class T> T get_value() const {return std::get<T>(value);}
 };
 }  // namespace rclcpp
 
 #define RCLCPP_WARN_THROTTLE(logger, clock, ...) (void)(logger), (void)(clock)
+#define RCLCPP_ERROR(logger, ...) (void)(logger), std::printf("ERROR "), \
+  std::printf(__VA_ARGS__), std::printf("\n")
 
 namespace rclcpp_lifecycle
 {
 struct LifecycleNode
 {
   using WeakPtr = std::weak_ptr<LifecycleNode>;
-  std::map<std::string, rclcpp::Value> parameters;
+  std::map<std::string, rclcpp::Value> parameters, overrides;
   std::function<void(const void *)> callback;  // of the one subscription
   rclcpp::Clock::SharedPtr clock = std::make_shared<rclcpp::Clock>();
 
@@ -120,7 +135,15 @@ struct LifecycleNode
   rclcpp::Parameter get_parameter(const std::string & name) {return {parameters.at(name)};}
   void declare_parameter(
     const std::string & name, const rclcpp::ParameterValue & usual,
-    const rcl_interfaces::msg::ParameterDescriptor &) {parameters[name] = usual.value;}
+    const rcl_interfaces::msg::ParameterDescriptor & described)
+  {
+    const auto stated = overrides.find(name);
+    const auto & value = stated == overrides.end() ? usual.value : stated->second;
+    if (value.index() != usual.value.index() && !described.dynamic_typing) {
+      throw std::runtime_error("parameter '" + name + "' has invalid type");
+    }
+    parameters[name] = value;
+  }
 };
 }  // namespace rclcpp_lifecycle
 
@@ -187,7 +210,15 @@ struct Costmap2DROS
 
 namespace nav2_core
 {
-struct GoalChecker {};
+struct GoalChecker
+{
+  double xy = 0.25, yaw = 0.25;
+  bool getTolerances(geometry_msgs::msg::Pose & pose, geometry_msgs::msg::Twist &)
+  {
+    pose.position = {xy, xy, 0.0};
+    return true;
+  }
+};
 struct ControllerException : std::runtime_error { using std::runtime_error::runtime_error; };
 struct ControllerTFError : ControllerException { using ControllerException::ControllerException; };
 struct InvalidPath : ControllerException { using ControllerException::ControllerException; };
@@ -218,5 +249,22 @@ public:
 };
 }  // namespace nav2_core
 
+namespace pluginlib
+{
+struct PluginlibException : std::runtime_error { using std::runtime_error::runtime_error; };
+
+/// Classes of all libraries of the process, by name; two of one name are an error.
+inline auto & known()
+{
+  static std::map<std::string, std::function<std::unique_ptr<nav2_core::Controller>()>> classes;
+  return classes;
+}
+inline int enter(const std::string & name, std::function<std::unique_ptr<nav2_core::Controller>()> make)
+{
+  if (!known().emplace(name, make).second) {throw PluginlibException(name + " is there twice");}
+  return 0;
+}
+}  // namespace pluginlib
+
 #define PLUGINLIB_EXPORT_CLASS(own, base) \
-  std::unique_ptr<base> made_plugin() {return std::make_unique<own>();}
+  namespace {const int entered = pluginlib::enter(#own, [] {return std::make_unique<own>();});}

@@ -27,6 +27,7 @@ from wideberth.framework.values.path import Path as Way
 from wideberth.framework.values.polygon import Polygon
 from wideberth.solvers.export.bundle import write_folder
 from wideberth.solvers.export.planner.files import SOURCES, bundle
+from wideberth.solvers.export.planner.tables import NAV2
 from wideberth.solvers.export.solver.native import NATIVE, machine
 
 COMPILER = shutil.which("cc")
@@ -41,9 +42,10 @@ def planner(**settings: Any) -> Planner:
     return made
 
 
-def exported(made: Planner, place: Path) -> Path:
+def exported(made: Planner, place: Path, package: str = NAV2) -> Path:
     """Write the bundle of a planner into a new folder."""
-    write_folder(place, bundle(whole_planner(made, "test", machine(NATIVE))), force=False)
+    whole = whole_planner(made, "test", machine(NATIVE), package=package)
+    write_folder(place, bundle(whole), force=False)
     return place
 
 
@@ -129,14 +131,16 @@ class Library:
 
     Attributes
     ----------
-    code : the library's functions. planner : its address.
+    code : the library's functions. planner : its address. place : folder of the export.
     """
 
     def __init__(self, file: Path, place: Path) -> None:
+        self.place = place
         self.code: Any = ctypes.CDLL(str(file))
         self.types = Structures(place)
         self.code.wideberth_planner_size.restype = ctypes.c_size_t
         self.code.wideberth_planner_status_text.restype = ctypes.c_char_p
+        self.code.wideberth_spin_rate.restype = ctypes.c_double
         size = self.code.wideberth_planner_size()
         self._memory = ctypes.create_string_buffer(size)
         self.planner = ctypes.c_void_p()
@@ -164,6 +168,30 @@ class Library:
             return None
         self.code.wideberth_planner_decide(self.planner, ctypes.byref(given), ctypes.byref(found))
         return found
+
+    def approach(self, pose: Array, wanted: Array) -> Array:
+        """Return a velocity (3,) slowed down near the end of the path."""
+        found = (ctypes.c_double * 3)()
+        given = (ctypes.c_double * 3)(*pose), (ctypes.c_double * 3)(*wanted), found
+        assert self.code.wideberth_planner_approach(self.planner, *given) == 0
+        return np.array(found)
+
+    def arrived(self, place: Array, tolerance: float) -> bool:
+        """Return whether a robot at a place (2,) is at the end of the path."""
+        given = (ctypes.c_double * 2)(*place), ctypes.c_double(tolerance)
+        return bool(self.code.wideberth_planner_arrived(self.planner, *given))
+
+    def spin(self, off: float, period: float) -> float:
+        """Return the yaw rate of a turn on the spot."""
+        given = ctypes.c_double(off), ctypes.c_double(period)
+        return float(self.code.wideberth_spin_rate(*given))
+
+    def next(self, last: Array, wanted: Array, period: float) -> Array:
+        """Return the velocity (3,) that the robot can have a period after the last one."""
+        found = (ctypes.c_double * 3)()
+        given = (ctypes.c_double * 3)(*last), (ctypes.c_double * 3)(*wanted)
+        self.code.wideberth_next_velocity(*given, ctypes.c_double(period), found)
+        return np.array(found)
 
     def replayed(self, drive: "Drive") -> list[Any]:
         """Decide on what Python's planner saw in a drive."""

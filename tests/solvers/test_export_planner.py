@@ -297,6 +297,7 @@ def test_the_example_drives_past_people(cases: dict[str, Case]) -> None:
 INCLUDED = (
     "geometry_msgs/msg/pose_stamped", "geometry_msgs/msg/twist_stamped", "nav2_core/controller",
     "nav2_core/controller_exceptions", "nav_msgs/msg/path", "pluginlib/class_list_macros",
+    "pluginlib/exceptions",
     "rclcpp/rclcpp", "rclcpp_lifecycle/lifecycle_node", "nav2_dynamic_msgs/msg/obstacle_array",
     "costmap_converter_msgs/msg/obstacle_array_msg",
 )  # fmt: skip
@@ -341,9 +342,10 @@ def test_the_nav2_controller_drives(
     done = subprocess.run([program], capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    words = ["no path: no path is set", "no obstacles: no obstacles on obstacles of late"]
-    assert lines[:2] == words
-    assert lines[-2].startswith("late: no obstacles") and lines[-1] == "no frame: no transform"
+    none = "no obstacles: the message on obstacles has not come yet"
+    assert lines[:2] == ["no path: no path is set", none]
+    assert lines[-2].startswith("late: the message on obstacles is 2.")
+    assert lines[-1] == "no frame: no transform"
     time, x, y, speed, turn, px, py = np.array([line.split() for line in lines[2:-2]], float).T
     assert abs(x[-1] - 10.0) < 0.1 and abs(y[-1]) < 0.1 and abs(speed[-1]) < 0.02
     assert np.hypot(x - px, y - py).min() > 0.75 + 0.3

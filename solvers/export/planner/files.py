@@ -12,11 +12,11 @@ from ..solver.header import header
 from ..solver.needs import stack
 from ..solver.tables import tables, width_of_slots, width_of_steps
 from .supported import SUPPORTED
-from .tables import ExportedPlanner, arrays, constants, numbers, public, starts
+from .tables import NAV2, ExportedPlanner, arrays, constants, numbers, public, starts
 
 SOURCES = (
     "wideberth_planner.c", "planner_tracks.c", "planner_forecast.c", "planner_motion.c",
-    "planner_walls.c", "planner_scene.c", "planner_verify.c", "planner_ladder.c",
+    "planner_walls.c", "planner_scene.c", "planner_verify.c", "planner_ladder.c", "planner_end.c",
 )  # fmt: skip
 PACKAGE = (
     "package.xml", "CMakeLists.txt", "wideberth_nav2.cpp", "wideberth_nav2.xml",
@@ -66,7 +66,10 @@ def bundle(one: ExportedPlanner) -> dict[str, str | bytes]:
         "wideberth_solver.c": source("wideberth_solver.c"),
         ARCHIVE: one.solver.native.archive(),
         "loop.c": _code("loop.c"),
-        **{name: _code(name, "nav2") for name in PACKAGE},
+        **{
+            name.replace(NAV2, one.package): _code(name, "nav2").replace(NAV2, one.package)
+            for name in PACKAGE
+        },
         "Makefile": rendered("planner/Makefile", sources=SOURCES),
     }
     return {**found, MANIFEST: manifest(one.solver, [*found], {})}
@@ -126,5 +129,6 @@ def _readme(one: ExportedPlanner) -> str:
         iterations=one.solver.settings.iterations,
         supported=SUPPORTED,
         period=f"{one.planner.period:g}",
+        package=one.package,
         walls=bool(native.subject.problem.slots[1].count),
     )

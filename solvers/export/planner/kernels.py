@@ -13,7 +13,8 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
     """Return functions (v, p) of one column, by name; what has no result is left out.
 
     ``pose`` x -> place, heading; ``twist`` (x, u) -> linear, yaw rate; ``step`` (x, u) -> next x;
-    ``drive`` (x, twist) -> u, and the same within a second and in the long run; ``state_at``
+    ``drive`` (x, twist) -> u, and the same within a second, in the long run, and ``drive_within``
+    (x, twist, s) -> u; ``state_at``
     (pose, twist) -> x; ``rates`` (x, u) -> dx/dt; ``limits`` (x, u) -> values >= 0; ``price``
     (x, u, next x), (place, direction, speed) -> cost; ``motion`` and ``slotK`` as
     `Problem.constraint_values` has them.
@@ -27,7 +28,9 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
     pose = Pose(tuple(ca.vertsplit(place[:2])), place[2])
     none = ca.SX.sym("none", 0)
 
-    def drive(duration: float) -> tuple[Any, Any, Any]:
+    duration = ca.SX.sym("duration")
+
+    def drive(duration: Any) -> tuple[Any, Any, Any]:
         return ca.vertcat(x, w), none, ca.vertcat(*robot.drive(state, wanted, duration))
 
     both = ca.vertcat(x, u)
@@ -38,6 +41,7 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
         "drive": drive(problem.dt),
         "drive_second": drive(1.0),
         "drive_ever": drive(FOREVER),
+        "drive_within": (ca.vertcat(x, w, duration), none, drive(duration)[2]),
         "state_at": (ca.vertcat(place, w), none, ca.vertcat(*robot.state_at(pose, wanted))),
         "rates": (both, none, ca.vertcat(*robot.derivative(state, control))),
         "limits": (both, none, ca.vertcat(*robot.constraints(state, control))),

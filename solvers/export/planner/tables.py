@@ -1,5 +1,6 @@
 """The tables of an exported planner: the numbers of its settings and plug-ins as C."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil, inf
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ....framework.control.command_limits import FOREVER
+from ....framework.control.end_of_path import LEFT, SHARE, SHIFT, EndLimits
 from ....framework.mpc.levels.base import SharedLevel
 from ....framework.mpc.planner.rungs import RUNGS
 from ....framework.mpc.planner.settings import PlannerSettings
@@ -18,6 +20,7 @@ from ....framework.plugins.config import describe
 from ....framework.robot import SpeedLimited
 from ....framework.tracking.history import MOST
 from ....framework.tracking.perception import FORGET
+from ....framework.values.errors import WideberthError
 from ....framework.values.plan import TOLERANCE
 from ....metrics.episode import SMALLEST
 from ..layout import Define, number
@@ -30,6 +33,10 @@ WALLS, DETECTIONS, PATH_POINTS, NAME = 256, 500, 4096, 48
 """Most walls and detections of an observation, points of a path, and bytes of an identity."""
 RUNG_NAMES = ("OPTIMAL", "FEASIBLE", "SHIFTED", "LEAST", "BRAKE")
 """In C, in the order of `RUNGS`."""
+NAV2 = "wideberth_nav2"
+"""Name of the ROS 2 package around a planner, unless another one is given."""
+_PACKAGE = re.compile(r"[a-z](_?[a-z0-9])+")
+"""Names of ROS 2 packages that are also names of namespaces in C++."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +46,23 @@ class ExportedPlanner:
     Attributes
     ----------
     planner : its settings. solver : its solver, which hands multipliers back.
+    package : name of the ROS 2 package, its library and the namespace of its controller.
+
+    Raises
+    ------
+    WideberthError : a name that no package can have.
     """
 
     planner: PlannerSettings
     solver: ExportedSolver
+    package: str = NAV2
+
+    def __post_init__(self) -> None:
+        if not _PACKAGE.fullmatch(self.package) or self.package == "package":
+            raise WideberthError(
+                f"name is {self.package!r}; wanted a name of a ROS 2 package, as in hall_planner: "
+                "lower-case letters, digits and single underscores, a letter first"
+            )
 
     @property
     def history(self) -> int:
@@ -114,10 +134,9 @@ def numbers(one: ExportedPlanner) -> list[Define]:
     planner, robot, conformal = one.planner, one.planner.robot, one.conformal
     base: Any = base_of(planner.predictor)
     shared = planner.level if isinstance(planner.level, SharedLevel) else None
-    (body,) = planner.kinds[0].bodies(robot)
+    (body,), end = planner.kinds[0].bodies(robot), EndLimits.of(robot)
     polygons = one.solver.native.subject.problem.slots[1]
     found: list[Define] = [
-        ("FORGET", FORGET, "s"),
         ("TRACK_DT", planner.track_dt, "s"),
         ("GAP", one.gap, "s"),
         ("KEEP", one.history * planner.track_dt + one.gap, "s"),
@@ -130,6 +149,12 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("WALL_ROOM", body.radius + planner.margin_at_walls, "m"),
         ("FASTEST", _fastest(planner), "m/s"),
         ("FOREVER", FOREVER, "s"),
+        ("END_LEFT", LEFT, "m"),
+        ("END_SHIFT", SHIFT, "m"),
+        ("END_BRAKING", SHARE * end.braking, "m/s^2"),
+        ("END_TURNING", SHARE * end.yaw_rate, "rad/s"),
+        ("END_YAW_RATE", end.yaw_rate, "rad/s, on the spot"),
+        ("END_YAW_ACCELERATION", end.yaw_acceleration, "rad/s^2, on the spot"),
         ("MINIMUM", -inf if shared is None else shared.minimum, "of a shared level"),
         ("LEVEL_WEIGHT", 0.0 if shared is None else shared.weight, ""),
         ("REGULARISATION", polygons.auxiliary.regularisation, ""),
@@ -180,6 +205,7 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
         ("PLAN_DT", problem.dt, "s per step"),
         ("PLAN_PERIOD", planner.period, "s between two decisions"),
         ("PLAN_MAX_SPEED", _fastest(planner), "m/s, of the robot"),
+        ("PLAN_FORGET", FORGET, "s after which an obstacle that is not seen is forgotten"),
         ("PLAN_TOLERANCE", TOLERANCE, "of the verification"),
         ("PLAN_SMALLEST", SMALLEST, "m^2, least eigenvalue of a covariance that is judged"),
     ]

@@ -60,6 +60,19 @@ static void attained(kernel *drive, double duration, const double *state, const 
     wb_twist(later, input, twist);
 }
 
+void wb_attained(const double *last, const double *wanted, double duration, double *twist)
+{
+    const double pose[3] = {0.0, 0.0, 0.0};
+    double given[4], state[NX], input[NU], rates[NX], later[NX];
+    int r;
+    memcpy(given, wanted, 3 * sizeof(double)), given[3] = duration;
+    state_at(pose, last, state);
+    call(wideberth_kernel_plan_drive_within, state, NX, given, 4, input);
+    call(wideberth_kernel_plan_rates, state, NX, input, NU, rates);
+    for (r = 0; r < NX; r++) later[r] = state[r] + duration * rates[r];
+    wb_twist(later, input, twist);
+}
+
 void wb_follow(const double *start, double (*inputs)[NU], double (*states)[NX])
 {
     int i;

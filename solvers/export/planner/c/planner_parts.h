@@ -28,6 +28,7 @@ enum {
 };
 
 #define FARTHEST 1e9
+#define PLAN_FORGET WIDEBERTH_PLAN_FORGET
 #define TOLERANCE WIDEBERTH_PLAN_TOLERANCE
 #define PI 3.14159265358979323846
 
@@ -118,6 +119,7 @@ void wb_pose(const double *state, double *pose);                        /* x, y,
 void wb_twist(const double *state, const double *input, double *twist); /* linear, linear, yaw */
 void wb_drive(const double *state, const double *twist, double *input);
 void wb_next(const double *state, const double *input, double *next);
+void wb_attained(const double *last, const double *wanted, double duration, double *twist);
 void wb_follow(const double *start, double (*inputs)[NU], double (*states)[NX]);
 void wb_clip_inputs(double (*inputs)[NU]);
 void wb_within_bounds(const double *state, double *found);
@@ -233,11 +235,20 @@ struct scratch {
     unsigned char memory[WIDEBERTH_MEMORY];
 };
 
+struct progress { /* how far along the path the robot has come, and where it was then */
+    int begun;
+    double last, where[2];
+};
+
+enum { REFERENCE, APPROACH, ARRIVAL, PROGRESSES }; /* who follows it along the path */
+
 struct path {
     int count;
     double at[POINTS][2], arc[POINTS];
-    int begun, waited; /* whether the others are known; calls since the arc length has grown */
-    double last, where[2];
+    struct progress progress[PROGRESSES];
+    int waited; /* calls since the arc length of the reference has grown */
+    int there;  /* whether the robot was at the path's end */
+    double goal[2]; /* where that was */
 };
 
 struct wideberth_planner {
@@ -259,6 +270,8 @@ struct wideberth_planner {
 /* Fill the problem of one decision; the first starting point is written to `first`. */
 void wb_fill(struct wideberth_planner *planner, const wideberth_observation *seen,
     const double *start, double arc, struct point *first);
+double wb_progressed(const struct path *path, struct progress *progress, const double *place,
+    double farther);
 double wb_advanced(struct path *path, const double *place);
 void wb_lay(const struct path *path, double arc, wideberth_problem *problem);
 

@@ -52,20 +52,30 @@ static double project(const struct path *path, const double *place, double start
     return found;
 }
 
-double wb_advanced(struct path *path, const double *place)
+double wb_progressed(const struct path *path, struct progress *progress, const double *place,
+    double farther)
 {
     double arc;
-    if (!path->begun) {
-        arc = project(path, place, 0.0, INFINITY, EARLY), path->waited = 0;
+    if (!progress->begun) {
+        arc = project(path, place, 0.0, INFINITY, EARLY);
     } else {
-        const double reach = EARLY + 2.0 * length_of(path->where, place);
-        const double low = fmax(path->last - reach, 0.0);
-        const double ahead = reach + fmin(LONGER * path->waited, LONGEST);
-        arc = project(path, place, low, path->last + ahead - low, 0.0);
-        path->waited = arc > path->last + GROWN ? 0 : path->waited + 1;
+        const double reach = EARLY + 2.0 * length_of(progress->where, place);
+        const double low = fmax(progress->last - reach, 0.0);
+        arc = project(path, place, low, progress->last + reach + farther - low, 0.0);
     }
-    path->begun = 1, path->last = arc;
-    memcpy(path->where, place, sizeof(path->where));
+    progress->begun = 1, progress->last = arc;
+    memcpy(progress->where, place, sizeof(progress->where));
+    return arc;
+}
+
+double wb_advanced(struct path *path, const double *place)
+{
+    struct progress *reference = &path->progress[REFERENCE];
+    const double before = reference->begun ? reference->last : -INFINITY;
+    const int waited = reference->begun ? path->waited : 0;
+    const double arc
+        = wb_progressed(path, reference, place, fmin(LONGER * waited, LONGEST));
+    path->waited = arc > before + GROWN ? 0 : waited + 1;
     return arc;
 }
 

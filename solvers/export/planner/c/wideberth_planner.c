@@ -75,7 +75,8 @@ void wideberth_planner_reset(wideberth_planner *planner)
     planner->history.stamp = -INFINITY;
     memset(&planner->learnt, 0, sizeof(planner->learnt));
     planner->has_plan = planner->kept.known = planner->obstacle_in_way = 0;
-    planner->path.begun = 0;
+    memset(planner->path.progress, 0, sizeof(planner->path.progress));
+    planner->path.there = 0;
 }
 
 int wideberth_planner_set_path(wideberth_planner *planner, const double (*points)[2], int count)
@@ -102,22 +103,20 @@ int wideberth_planner_set_path(wideberth_planner *planner, const double (*points
         path->arc[kept] = last ? path->arc[kept - 1] + length : 0.0;
         memcpy(path->at[kept++], points[k], sizeof(path->at[0]));
     }
-    path->count = kept, path->begun = 0;
+    path->count = kept;
+    memset(path->progress, 0, sizeof(path->progress));
     return WIDEBERTH_PLANNED;
 }
 
 int wideberth_planner_move_path(wideberth_planner *planner, const double (*points)[2], int count)
 {
-    double last, where[2];
-    int begun, status;
+    struct progress before[PROGRESSES];
+    int status;
     if (!planner || !points) return WIDEBERTH_PLAN_NULL;
-    begun = planner->path.begun, last = planner->path.last;
-    memcpy(where, planner->path.where, sizeof(where));
+    memcpy(before, planner->path.progress, sizeof(before));
     status = wideberth_planner_set_path(planner, points, count);
-    if (status) return status;
-    planner->path.begun = begun, planner->path.last = last;
-    memcpy(planner->path.where, where, sizeof(where));
-    return WIDEBERTH_PLANNED;
+    if (!status) memcpy(planner->path.progress, before, sizeof(before));
+    return status;
 }
 
 /* ---- Emergencies */

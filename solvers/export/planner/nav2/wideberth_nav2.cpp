@@ -2,12 +2,18 @@
 //
 // It takes the robot's pose and velocity from the controller server, obstacles from a topic, and
 // walls from the lethal cells of the local costmap. The planner decides every WIDEBERTH_PLAN_PERIOD
-// seconds; in between the command goes on along the ramp that the planner asks for.
+// seconds; in between the command goes on along the ramp that the planner asks for. Near the end of
+// the path it slows down, and at the end it turns to the heading of the last pose.
+//
+// What may be over soon is a NoValidControl: the server then commands zero velocity for up to its
+// failure_tolerance. All else ends the goal at once. Configuring fails by a PluginlibException alone,
+// the one exception after which the server can be configured again.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <memory>
 #include <mutex>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -17,6 +23,7 @@
 #include "nav2_core/controller_exceptions.hpp"
 #include "nav_msgs/msg/path.hpp"
 #include "pluginlib/class_list_macros.hpp"
+#include "pluginlib/exceptions.hpp"
 #include "rclcpp/rclcpp.hpp"
 #include "rclcpp_lifecycle/lifecycle_node.hpp"
 
@@ -46,6 +53,12 @@ static_assert(
   WIDEBERTH_PLAN_STATES == 5 && WIDEBERTH_STATE_X == 0 && WIDEBERTH_STATE_Y == 1 &&
   WIDEBERTH_STATE_PHI == 2 && WIDEBERTH_STATE_V == 3 && WIDEBERTH_STATE_OMEGA == 4,
   "Nav2 gives pose, forward speed and yaw rate: export the planner of a unicycle");
+
+constexpr double AHEAD = 0.2;       // s, by which a stamp may lie ahead of this clock
+constexpr double TOLERANCE = 0.25;  // m, where the goal checker states none: Nav2's
+constexpr double SLOW = 0.05;       // m/s; a faster robot goes on into the tolerance, see `look`
+constexpr double STANDING = 0.01;   // m/s; a slower robot stands, and may turn on the spot
+constexpr double POINT = 1e-3;      // m, length of the path to the place of poses that are all equal
 
 /// Where one frame lies in another, in the plane.
 struct Placement
@@ -84,21 +97,15 @@ public:
     const Node::WeakPtr & parent, std::string name, std::shared_ptr<tf2_ros::Buffer> tf,
     std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap) override
   {
-    const auto node = parent.lock();
-    if (!node) {
-      throw nav2_core::ControllerException("the controller server's node is gone");
-    }
-    clock_ = node->get_clock();
-    logger_ = node->get_logger();
     tf_ = tf, costmap_ = costmap;
-    read_parameters(*node, name);
-    memory_.resize(wideberth_planner_size() / sizeof(double) + 1);
-    const int status =
-      wideberth_planner_begin(memory_.data(), memory_.size() * sizeof(double), &planner_);
-    if (status != WIDEBERTH_PLANNED) {
-      throw nav2_core::ControllerException(wideberth_planner_status_text(status));
+    try {
+      begin(parent.lock(), name);
+    } catch (const std::exception & error) {
+      cleanup();
+      const std::string words = name + " is not configured: " + error.what();
+      RCLCPP_ERROR(logger_, "%s", words.c_str());
+      throw pluginlib::PluginlibException(words);
     }
-    subscribe(node);
   }
 
   void cleanup() override
@@ -125,19 +132,19 @@ public:
 
   geometry_msgs::msg::TwistStamped computeVelocityCommands(
     const geometry_msgs::msg::PoseStamped & pose, const geometry_msgs::msg::Twist & velocity,
-    nav2_core::GoalChecker *, const nav_msgs::msg::Path &,
+    nav2_core::GoalChecker * checker, const nav_msgs::msg::Path &,
     const geometry_msgs::msg::PoseStamped &) override
   {
-    return command(pose, velocity);
+    return command(pose, velocity, checker);
   }
 #else
   void setPlan(const nav_msgs::msg::Path & path) override {follow(path);}
 
   geometry_msgs::msg::TwistStamped computeVelocityCommands(
     const geometry_msgs::msg::PoseStamped & pose, const geometry_msgs::msg::Twist & velocity,
-    nav2_core::GoalChecker *) override
+    nav2_core::GoalChecker * checker) override
   {
-    return command(pose, velocity);
+    return command(pose, velocity, checker);
   }
 #endif
 
@@ -152,37 +159,82 @@ private:
     Detections people;
   };
 
+  void begin(const std::shared_ptr<Node> & node, const std::string & name)
+  {
+    if (!node) {
+      throw std::runtime_error("the controller server's node is gone");
+    }
+    clock_ = node->get_clock();
+    logger_ = node->get_logger();
+    read_parameters(*node, name);
+    memory_.resize(wideberth_planner_size() / sizeof(double) + 1);
+    const int status =
+      wideberth_planner_begin(memory_.data(), memory_.size() * sizeof(double), &planner_);
+    if (status != WIDEBERTH_PLANNED) {
+      throw std::runtime_error(wideberth_planner_status_text(status));
+    }
+    subscribe(node);
+  }
+
+  /// A parameter as it is now; after a failed configuration it can be set anew, in another type too.
   template<class T>
   T parameter(Node & node, const std::string & name, const T & usual, const char * words)
   {
+    const rclcpp::ParameterValue wanted(usual);
     if (!node.has_parameter(name)) {
       rcl_interfaces::msg::ParameterDescriptor described;
-      described.description = words;
-      described.read_only = true;
-      node.declare_parameter(name, rclcpp::ParameterValue(usual), described);
+      described.description = std::string(words) + "; read when the controller is configured";
+      described.dynamic_typing = true;
+      node.declare_parameter(name, wanted, described);
     }
-    return node.get_parameter(name).get_value<T>();
+    const auto stated = node.get_parameter(name);
+    if (stated.get_type() != wanted.get_type()) {
+      const std::string type = rclcpp::to_string(wanted.get_type());
+      throw std::invalid_argument(
+              name + " is of type " + stated.get_type_name() + "; wanted " + type +
+              (type == "double" ? ", with a decimal point as in 1.0" : ""));
+    }
+    return stated.get_value<T>();
+  }
+
+  double number(
+    Node & node, const std::string & name, double usual, double least, double most,
+    const char * words)
+  {
+    const double stated = parameter(node, name, usual, words);
+    if (!(stated >= least && stated <= most)) {
+      throw std::invalid_argument(
+              name + " is " + std::to_string(stated) + "; wanted " + std::to_string(least) + " to " +
+              std::to_string(most));
+    }
+    return stated;
   }
 
   void read_parameters(Node & node, const std::string & name)
   {
+    constexpr double some = 1e-3, many = 1e3;
     kind_ = parameter<std::string>(
       node, name + ".obstacles", "nav2_dynamic_msgs",
       "messages of obstacles: nav2_dynamic_msgs, costmap_converter_msgs, or none");
     topic_ = parameter<std::string>(node, name + ".obstacles_topic", "obstacles", "their topic");
-    timeout_ = parameter(
-      node, name + ".obstacles_timeout", 1.0, "s after which obstacles are late: the robot stops");
-    radius_ = parameter(
-      node, name + ".obstacle_radius", 0.3, "m, of obstacles whose size is not stated");
-    deviation_ = parameter(
-      node, name + ".obstacle_deviation", 0.05,
+    timeout_ = number(
+      node, name + ".obstacles_timeout", 1.0, some, WIDEBERTH_PLAN_FORGET,
+      "s after which obstacles are too old: the robot stops");
+    pose_timeout_ = number(
+      node, name + ".pose_timeout", 0.5, some, WIDEBERTH_PLAN_FORGET,
+      "s after which the robot's pose is too old: the robot stops");
+    radius_ = number(
+      node, name + ".obstacle_radius", 0.3, some, many, "m, of obstacles whose size is not stated");
+    deviation_ = number(
+      node, name + ".obstacle_deviation", 0.05, 0.0, many,
       "m per axis, of places whose covariance is not stated");
     walls_ = parameter(
       node, name + ".walls", true, "whether lethal cells of the local costmap are walls");
-    around_ = parameter(
-      node, name + ".clear_around", 0.3,
+    around_ = number(
+      node, name + ".clear_around", 0.3, 0.0, many,
       "m around obstacles in which cells are no walls: they are the obstacles themselves");
-    tick_ = 1.0 / parameter(node, "controller_frequency", 20.0, "Hz, of the controller server");
+    tick_ = 1.0 / number(
+      node, "controller_frequency", 20.0, some, many, "Hz, of the controller server");
   }
 
   void subscribe(const std::shared_ptr<Node> & node)
@@ -206,9 +258,9 @@ private:
     }
 #endif
     if (kind_ != "none") {
-      throw nav2_core::ControllerException(
-              "obstacles is " + kind_ + ", which this package was not built with; wanted "
-              "nav2_dynamic_msgs, costmap_converter_msgs, or none");
+      throw std::invalid_argument(
+              "obstacles is " + kind_ + ", which this package was not built with; build it beside "
+              "nav2_dynamic_msgs or costmap_converter_msgs, or set obstacles to none");
     }
   }
 
@@ -293,8 +345,8 @@ private:
 
   void follow(const nav_msgs::msg::Path & path)
   {
-    if (path.poses.size() < 2) {
-      throw nav2_core::InvalidPath("the path has fewer than two poses");
+    if (path.poses.empty()) {
+      throw nav2_core::InvalidPath("the path has no poses");
     }
     path_ = path;
     new_path_ = true;
@@ -306,7 +358,20 @@ private:
     const Placement placement = placed(path_.header.frame_id, frame);
     const size_t all = path_.poses.size(), stride = (all - 1) / (WIDEBERTH_PATH_POINTS - 1) + 1;
     std::vector<double> points;
-    for (size_t k = 0; k < all; k += stride) {
+    const auto & last = path_.poses.back().pose;
+    const double heading = yaw_of(last.orientation);
+    heading_ = heading + std::atan2(placement.sine, placement.cosine);
+    const bool one_place = std::all_of(
+      path_.poses.begin(), path_.poses.end(), [&last](const geometry_msgs::msg::PoseStamped & pose) {
+        return pose.pose.position.x == last.position.x && pose.pose.position.y == last.position.y;
+      });
+    if (one_place) { // start and goal share a cell of the global costmap: only the turn is left
+      points = {
+        last.position.x - POINT * std::cos(heading), last.position.y - POINT * std::sin(heading),
+        last.position.x, last.position.y};
+      placement.move(&points[0]), placement.move(&points[2]);
+    }
+    for (size_t k = 0; k < all && !one_place; k += stride) {
       const auto & place = path_.poses[k + stride < all ? k : all - 1].pose.position;
       points.insert(points.end(), {place.x, place.y});
       placement.move(&points[points.size() - 2]);
@@ -321,27 +386,56 @@ private:
     new_path_ = false;
   }
 
-  /// Obstacles of the newest message in a frame; late ones are an error.
-  Detections people(const std::string & frame, double now)
+  /// How old something is, s; what is too old, or of a clock that is ahead, cannot be driven by.
+  static double age_of(const std::string & what, double stamp, double now, double most)
   {
-    if (kind_ == "none") {
-      return {};
+    const double age = now - stamp;
+    if (!(age <= most)) {
+      throw nav2_core::NoValidControl(
+              std::isfinite(age) ?
+              what + " is " + std::to_string(age) + " s old, at most " + std::to_string(most) :
+              what + " has not come yet");
     }
+    if (age < -AHEAD) {
+      throw nav2_core::NoValidControl(
+              what + " is stamped " + std::to_string(-age) + " s ahead of this clock, at most " +
+              std::to_string(AHEAD) + ": set the clocks alike");
+    }
+    return std::max(age, 0.0);
+  }
+
+  /// The newest message of obstacles, with its age; one without a time of use is an error.
+  Received newest(double now)
+  {
     Received received;
+    if (kind_ == "none") {
+      return received;
+    }
     {
       const std::lock_guard<std::mutex> guard(mutex_);
       received = received_;
     }
-    if (!(now - received.stamp <= timeout_)) {
-      throw nav2_core::ControllerException("no obstacles on " + topic_ + " of late");
-    }
-    const Placement placement = placed(received.frame, frame);
+    const double age = age_of("the message on " + topic_, received.stamp, now, timeout_);
     for (auto & one : received.people) {
-      one.age = std::max(now - received.stamp, 0.0);
+      one.age = age;
+    }
+    return received;
+  }
+
+  /// Obstacles of a message in a frame; those that have no place there are an error.
+  Detections people(Received && received, const std::string & frame) const
+  {
+    Placement placement;
+    try {
+      placement = placed(received.frame, frame);
+    } catch (const nav2_core::ControllerTFError & error) {
+      throw nav2_core::NoValidControl("obstacles cannot be placed: " + std::string(error.what()));
+    }
+    for (auto & one : received.people) {
       placement.move(one.position);
       placement.turn(one.covariance);
     }
-    return received.people;
+    return std::move(received.people);
   }
 
   /// Lethal cells of the costmap that are not of the obstacles, as rectangles near the robot.
@@ -377,16 +471,9 @@ private:
     return found;
   }
 
-  void decide(
-    const geometry_msgs::msg::PoseStamped & pose, const geometry_msgs::msg::Twist & velocity,
-    double now)
+  /// Decide; at the end of the path take note of the obstacles alone.
+  void decide(const double * state, Detections && seen, double now)
   {
-    const std::string & frame = pose.header.frame_id;
-    const double state[WIDEBERTH_PLAN_STATES] = {
-      pose.pose.position.x, pose.pose.position.y, yaw_of(pose.pose.orientation),
-      velocity.linear.x, velocity.angular.z};
-    lay(frame);
-    Detections seen = people(frame, now);
     if (seen.size() > WIDEBERTH_DETECTIONS) {
       const auto nearer = [&state](const wideberth_detection & one, const wideberth_detection & two) {
           return std::hypot(one.position[0] - state[0], one.position[1] - state[1]) <
@@ -399,40 +486,88 @@ private:
     const wideberth_observation observation = {
       now, state, static_cast<int>(seen.size()), seen.data(), static_cast<int>(still.size()),
       still.data()};
+    std::copy(put_out_, put_out_ + 3, begin_);
+    decided_ = now;
+    if (there_) {
+      decision_ = wideberth_decision{};
+      wideberth_planner_remember(planner_, &observation);
+      return;
+    }
     const int status = wideberth_planner_decide(planner_, &observation, &decision_);
     if (status != WIDEBERTH_PLANNED) {
       throw nav2_core::NoValidControl(decision_.reason);
     }
-    std::copy(put_out_, put_out_ + 3, begin_);
-    decided_ = now;
     if (decision_.rung != WIDEBERTH_OPTIMAL) {
       RCLCPP_WARN_THROTTLE(logger_, *clock_, 10000, "%s", decision_.reason);
     }
   }
 
-  /// The command a tick from now, on the ramp from the one that was put out last.
+  /// Look where the robot is on its path, and decide where it is time to.
+  void look(
+    const geometry_msgs::msg::PoseStamped & pose, const double * state,
+    nav2_core::GoalChecker * checker, double now)
+  {
+    const std::string & frame = pose.header.frame_id;
+    age_of("the robot's pose", rclcpp::Time(pose.header.stamp).seconds(), now, pose_timeout_);
+    Received received = newest(now);
+    const bool due =
+      new_path_ || now < decided_ || now - decided_ >= WIDEBERTH_PLAN_PERIOD - 0.5 * tick_;
+    if (due) {
+      lay(frame);
+    }
+    geometry_msgs::msg::Pose within;
+    geometry_msgs::msg::Twist slow;
+    const bool stated =
+      checker && checker->getTolerances(within, slow) && within.position.x > 0.0;
+    const double tolerance = stated ? within.position.x : TOLERANCE;
+    const bool was = there_, is_slow = std::hypot(put_out_[0], put_out_[1]) <= SLOW;
+    // well within the tolerance, so that noise of the pose does not take the goal away again
+    there_ = wideberth_planner_arrived(planner_, state, (is_slow ? 1.0 : 0.25) * tolerance) != 0;
+    if (due || (was && !there_)) {
+      decide(state, people(std::move(received), frame), now);
+    }
+  }
+
+  /// Follow the ramp to a time, more slowly near the end of the path; there stand, and turn.
+  void aim(const double * state, double time, double * velocity) const
+  {
+    if (there_) {
+      const bool stands = std::hypot(put_out_[0], put_out_[1]) <= STANDING;
+      const double off = std::remainder(heading_ - state[WIDEBERTH_STATE_PHI], 2.0 * M_PI);
+      velocity[0] = velocity[1] = 0.0;
+      velocity[2] = stands && std::isfinite(off) ? wideberth_spin_rate(off, tick_) : 0.0;
+      return;
+    }
+    const auto & wanted = decision_.command;
+    const double target[3] = {wanted.linear[0], wanted.linear[1], wanted.omega};
+    const double way = wanted.ramp > 0.0 ? std::min((time - decided_) / wanted.ramp, 1.0) : 1.0;
+    for (int k = 0; k < 3; k++) {
+      velocity[k] = begin_[k] + way * (target[k] - begin_[k]);
+    }
+    wideberth_planner_approach(planner_, state, velocity, velocity);
+  }
+
+  /// The command a tick from now.
   geometry_msgs::msg::TwistStamped command(
-    const geometry_msgs::msg::PoseStamped & pose, const geometry_msgs::msg::Twist & velocity)
+    const geometry_msgs::msg::PoseStamped & pose, const geometry_msgs::msg::Twist & velocity,
+    nav2_core::GoalChecker * checker)
   {
     const double now = clock_->now().seconds();
     if (path_.poses.empty()) {
       throw nav2_core::InvalidPath("no path is set");
     }
-    if (new_path_ || now < decided_ || now - decided_ >= WIDEBERTH_PLAN_PERIOD - 0.5 * tick_) {
-      try {
-        decide(pose, velocity, now);
-      } catch (...) {
-        stand(); // as the controller server does now
-        throw;
-      }
+    const double state[WIDEBERTH_PLAN_STATES] = {
+      pose.pose.position.x, pose.pose.position.y, yaw_of(pose.pose.orientation),
+      velocity.linear.x, velocity.angular.z};
+    try {
+      look(pose, state, checker, now);
+    } catch (...) {
+      stand(); // as the controller server does now
+      throw;
     }
-    const auto & wanted = decision_.command;
-    const double target[3] = {wanted.linear[0], wanted.linear[1], wanted.omega};
-    const double way = wanted.ramp > 0.0 ?
-      std::min((now + tick_ - decided_) / wanted.ramp, 1.0) : 1.0;
-    for (int k = 0; k < 3; k++) {
-      put_out_[k] = begin_[k] + way * (target[k] - begin_[k]);
-    }
+    double wanted[3];
+    aim(state, now + tick_, wanted);
+    wideberth_next_velocity(put_out_, wanted, tick_, put_out_);
     const double speed = std::hypot(put_out_[0], put_out_[1]);
     const double share = speed > fastest_ ? fastest_ / speed : 1.0; // on the same arc
     geometry_msgs::msg::TwistStamped found;
@@ -455,7 +590,7 @@ private:
   std::shared_ptr<tf2_ros::Buffer> tf_;
   std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_;
   std::string kind_, topic_;
-  double timeout_, radius_, deviation_, around_, tick_;
+  double timeout_, pose_timeout_, radius_, deviation_, around_, tick_;
   bool walls_;
 
   std::mutex mutex_; // of what the subscription writes
@@ -466,7 +601,8 @@ private:
   wideberth_planner * planner_ = nullptr;
   wideberth_decision decision_{};
   nav_msgs::msg::Path path_;
-  bool new_path_ = false;
+  bool new_path_ = false, there_ = false;       // whether the robot is at the end of the path
+  double heading_ = 0.0;                        // rad, of the path's last pose
   std::vector<unsigned char> cells_, taken_;
 
   double decided_ = -INFINITY;                  // s, of the last decision

@@ -119,6 +119,26 @@ int wideberth_planner_decide(wideberth_planner *planner, const wideberth_observa
 /* Forget everything but the path. */
 void wideberth_planner_reset(wideberth_planner *planner);
 
+/* Between two decisions, each period of the commands. Velocities are (vx, vy) in m/s, in the body
+ * frame, and the yaw rate in rad/s. */
+
+/* Slow a wanted velocity down near the end of the path, so that the robot neither passes the end nor
+ * circles it; `pose` is x, y and heading. */
+int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
+    const double *wanted, double *limited);
+
+/* Whether a robot at a place is within a tolerance in m of the path's end. It stays there up to
+ * twice the tolerance, until a path to another end comes; it should brake, and turn. */
+int wideberth_planner_arrived(wideberth_planner *planner, const double *place, double tolerance);
+
+/* Yaw rate of a robot that stands and has to turn by an angle of at most pi, commanded each `period`
+ * seconds. */
+double wideberth_spin_rate(double off, double period);
+
+/* The velocity that the robot can have a period after the last one. */
+void wideberth_next_velocity(const double *last, const double *wanted, double period,
+    double *velocity);
+
 typedef struct {
     const unsigned char *cells; /* row by row from the origin on, as in Nav2's Costmap2D */
     int width, height;
