@@ -14,6 +14,7 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest, short
 from .column_descriptions import shares
 from .csv_tables import Row, read_table
+from .inside import inside
 from .text_tables import (
     UNKNOWN,
     columns_of,
@@ -93,7 +94,7 @@ def of_rows(study: str, rows: Sequence[Row], columns: Sequence[str]) -> Extract:
 
 def study_of(folder: Path) -> str:
     """Return the registered name of a result's study."""
-    return str(read_config(folder / "config.yaml", stored=True).get("type", ""))
+    return str(read_config(inside(folder, "config.yaml"), stored=True).get("type", ""))
 
 
 _END = re.compile(r"_(low|high)(?=(_[a-z]+)?$)")
@@ -119,7 +120,7 @@ def _error(column: str, rows: Sequence[Row], share: bool) -> float:
 
 def answers(folder: Path) -> Extract:
     """Return the columns of a result's summary that answer its study's question."""
-    study, rows = study_of(folder), read_table(folder / "summary.csv")
+    study, rows = study_of(folder), read_table(inside(folder, "summary.csv"))
     return of_rows(study, rows, answering(study, rows))
 
 
@@ -136,7 +137,8 @@ def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
     """Return the first table that has all these columns, and its name."""
     known: list[str] = []
     for name in ("summary.csv", "table.csv", "times.csv"):
-        rows = read_table(folder / name) if (folder / name).is_file() else []
+        path = inside(folder, name)
+        rows = read_table(path) if path.is_file() else []
         if rows and set(wanted) <= set(rows[0]):
             return name, rows
         known += columns_of(rows)

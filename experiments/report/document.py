@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.io import check_target, read_json, write_text
-from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.column_descriptions import ColumnDescription, column_descriptions
 from ..engine.csv_tables import read_table, table_text
-from ..engine.extract import answering, markdown_text, of_rows
+from ..engine.extract import answering, markdown_text, of_rows, study_of
+from ..engine.inside import files_inside, inside
 from ..engine.result import condense_times
 from ..engine.runner import draw, reopen
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
@@ -74,19 +74,19 @@ def gather(folder: Path) -> Report:
     experiment, result = reopen(folder)
     if not (folder / "figures").is_dir():
         draw(folder)
-    drawn = sorted((folder / "figures").rglob("*"))
+    drawn = files_inside(folder, "figures")
     return Report(
         name=folder.resolve().name,
         claim=experiment.claim,
-        summary=read_table(folder / "summary.csv"),
+        summary=read_table(inside(folder, "summary.csv")),
         rows=result.rows,
         times=condense_times(result.times),
         pictures=[path for path in drawn if path.suffix in (".png", ".gif")],
         episodes=kept_episodes(folder),
         tail=result_tail(folder),
-        config=(folder / "config.yaml").read_text(encoding="utf-8"),
-        provenance=read_json(folder / "provenance.json", "provenance", 1),
-        study=str(read_config(folder / "config.yaml", stored=True).get("type")),
+        config=inside(folder, "config.yaml").read_text(encoding="utf-8"),
+        provenance=read_json(inside(folder, "provenance.json"), "provenance", 1),
+        study=study_of(folder),
         captions=experiment.captions,
         headline=experiment.headline,
     )
