@@ -753,18 +753,20 @@ def film(
     ] = None,
 ) -> None:
     """Film an episode in space, drawn by MuJoCo; from above where that cannot be."""
+    from ...framework.plugins.io import check_target
     from ...simulation.physics.film import film as filmed
     from ..engine.progress import working
     from ..engine.result import read_episode
 
     _, found = _kept_episodes(episode, "filmed")
+    written = expanded(out) if out else Path(f"{found[0].stem}.gif")
+    check_target(written, "GIF8" if written.suffix == ".gif" else "")
     log = read_episode(found[0])
     try:
         made = filmed(log)
     except WideberthError as error:
         typer.echo(f"{error}\nIt is filmed from above instead.")
         made = log.animate()
-    written = expanded(out) if out else Path(f"{found[0].stem}.gif")
     with working("drawing the frames"):
         made.save(written)
     typer.echo(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")

@@ -1,11 +1,14 @@
 """`wideberth report`: one or several results as a page that can be sent, and as Markdown."""
 
 import math
+import os
 import struct
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from ...framework.plugins.io import check_target, read_json, write_text
@@ -13,6 +16,7 @@ from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.column_descriptions import ColumnDescription, column_descriptions
 from ..engine.csv_tables import read_table, table_text
+from ..engine.errors import as_user_error
 from ..engine.extract import answering, markdown_text, of_rows, study_of
 from ..engine.inside import files_inside, inside
 from ..engine.result import condense_times
@@ -62,8 +66,13 @@ class Report:
     headline: Sequence[str] = ()
 
 
-def gather(folder: Path) -> Report:
+def gather(folder: Path, spare: Path | None = None) -> Report:
     """Read a result; draw its figures first if there are none.
+
+    Parameters
+    ----------
+    folder : of the result.
+    spare : empty folder that takes the figures of a result whose own folder may not be written.
 
     Raises
     ------
@@ -72,9 +81,15 @@ def gather(folder: Path) -> Report:
     if folder.exists() and not folder.is_dir():
         raise WideberthError(f"{folder} is a file; wanted the folder of a result")
     experiment, result = reopen(folder)
-    if not (folder / "figures").is_dir():
-        draw(folder)
     drawn = files_inside(folder, "figures")
+    if not (folder / "figures").is_dir():
+        if spare is None or os.access(folder, os.W_OK):
+            draw(folder)
+            drawn = files_inside(folder, "figures")
+        else:
+            with as_user_error(f"the figures of {folder} cannot be drawn: "):
+                experiment.figures(result, spare)
+            drawn = sorted(spare.rglob("*"))
     return Report(
         name=folder.resolve().name,
         claim=experiment.claim,
@@ -127,9 +142,12 @@ def report(folders: Sequence[Path], out: Path) -> tuple[Path, Path]:
         raise WideberthError(f"{out} must end in .html; the Markdown is written beside it")
     check_target(out, MARK)
     check_target(out.with_suffix(".md"), TABLES)
-    found = [gather(folder) for folder in folders]
+    with ExitStack() as held:
+        spare = [Path(held.enter_context(TemporaryDirectory())) for _ in folders]
+        found = [gather(*places) for places in zip(folders, spare, strict=True)]
+        html = report_page(found)
     tables = write_text(out.with_suffix(".md"), markdown(found))
-    return write_text(out, report_page(found)), tables
+    return write_text(out, html), tables
 
 
 def markdown(reports: Sequence[Report]) -> str:

@@ -197,8 +197,8 @@ def check_target(path: Path, mark: str) -> None:
 
     Raises
     ------
-    WideberthError : the folder does not exist, or the place holds a folder, a symbolic link, or
-        a file without the mark.
+    WideberthError : the folder does not exist or may not be written, or the place holds a folder,
+        a symbolic link, or a file without the mark.
     """
     cure = "give another name with --out"
     try:
@@ -208,6 +208,8 @@ def check_target(path: Path, mark: str) -> None:
             raise WideberthError(f"{path} is a folder; wanted a file: {cure}")
         if not path.absolute().parent.is_dir():
             raise WideberthError(f"{path} cannot be written: its folder does not exist")
+        if not os.access(path.absolute().parent, os.W_OK):
+            raise WideberthError(f"{path} cannot be written: its folder is read-only; {cure}")
         if not path.exists():
             return
         with path.open("rb") as file:
