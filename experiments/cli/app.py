@@ -5,7 +5,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Collection
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, chdir, nullcontext
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Annotated, Any
@@ -381,13 +381,14 @@ def fit(
 
     out = expanded(out)
     check_place(out)
-    unfitted = fitting.read_predictor(predictor, set_ or [])
+    with chdir(os.curdir):
+        unfitted = fitting.read_predictor(predictor, set_ or [])
     with working("reading the recordings"):
         found = fitting.read_files(recordings, dt)
         scenes = fitting.scenes(found, noise)
     for name, recording in found.items():
         typer.echo(f"{name}: {fitting.described(recording, noise)}")
-    with working(f"fitting {predictor}"):
+    with working(f"fitting {predictor}"), chdir(os.curdir):  # plug-ins may change it
         fitted, changes = fitting.fitted(unfitted, scenes)
     typer.echo("\n".join(f"learnt {change}" for change in changes))
     path = save_plugin(out, "predictors", fitted)
@@ -674,7 +675,7 @@ def export(
         source = write(
             config,
             set_ or [],
-            expanded(out),
+            expanded(out).absolute(),
             planner=of,
             obstacles=obstacles,
             polygons=polygons,

@@ -24,6 +24,7 @@ from .text_tables import (
     in_per_cent,
     main_columns,
     markdown_table,
+    plain,
     with_unit,
 )
 
@@ -182,7 +183,7 @@ def _mean(values: Sequence[float]) -> float:
 
 def markdown_text(chosen: Extract) -> str:
     """Return an extract as a Markdown table with units; the measure of a pivot stands above."""
-    above = f"{chosen.measure}\n\n" if chosen.measure else ""
+    above = f"{plain(chosen.measure)}\n\n" if chosen.measure else ""
     return above + markdown_table([_titled(row, chosen) for row in chosen.rows])
 
 
@@ -226,7 +227,9 @@ def latex_text(chosen: Extract) -> str:
 
 
 def _latex_line(cells: Sequence[str]) -> str:
-    return f"{' & '.join(map(_latex, cells))} \\\\"
+    line = " & ".join(map(_latex, cells))
+    option = line.startswith(("[", "*"))  # as which LaTeX reads these behind a line's end
+    return f"{'{}' * option}{line} \\\\"
 
 
 _DIGITS, _LEAST, _MORE, _OF_ERROR = 4, 2, 2, 2
@@ -303,13 +306,14 @@ _SPECIAL = {
 
 
 def _latex(text: str) -> str:
-    r"""Return text as LaTeX writes it.
+    r"""Return text as LaTeX writes it, in one line.
 
     Examples
     --------
     >>> print(_latex("asked 95 % of box_1"), _latex("<0.001"))
     asked 95 \% of box\_1 $<$0.001
     """
+    text = "".join(sign if sign.isprintable() else " " for sign in text)
     return "".join(_SPECIAL.get(sign, sign) for sign in text)
 
 

@@ -6,9 +6,10 @@ and tasks/: a folder per finished task, of which the tables are made. table.csv 
 and says that the run is complete.
 """
 
+import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -278,7 +279,8 @@ def _collect(work: _Work, out: Path) -> None:
     if times:
         write_table(inside(out, "times.csv"), times)
     table = table_text(rows)
-    summary = work.experiment.summary(read_rows(table, "the table"))
+    with chdir(os.curdir):
+        summary = work.experiment.summary(read_rows(table, "the table"))
     write_table(inside(out, "summary.csv"), summary)
     whole = of_rows(str(work.config["type"]), summary, columns_of(summary))
     write_text(inside(out, "summary.md"), f"{work.experiment.claim}\n\n{markdown_text(whole)}\n")
@@ -295,11 +297,12 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
     check_finished(folder)
     config = read_config(inside(folder, "config.yaml"), stored=True)
     try:
-        import_plugins(config.pop("plugins", []))
-        experiment: Experiment = build("experiments", config)
+        with chdir(os.curdir):  # plug-ins may change it
+            import_plugins(config.pop("plugins", []))
+            experiment: Experiment = build("experiments", config)
     except WideberthError as error:
         raise WideberthError(f"{folder / 'config.yaml'}: {error}{_written_by(folder)}") from error
-    return experiment, Result(folder)
+    return experiment, Result(folder.absolute())  # wherever the study's figures are drawn from
 
 
 def _written_by(folder: Path) -> str:
@@ -326,7 +329,8 @@ def draw(folder: Path) -> list[Path]:
     head = f"the result in {folder} is complete, its figures cannot be drawn: "
     with as_user_error(head), tempfile.TemporaryDirectory() as name:
         drawn = Path(name)
-        returned = experiment.figures(result, drawn)
+        with chdir(os.curdir):
+            returned = experiment.figures(result, drawn)
         made = {
             path: inside(folder, "figures" / path.relative_to(drawn)) for path in written(drawn)
         }

@@ -1,4 +1,4 @@
-"""A small MCAP file that unpacks to gigabytes is read up to the chunk that does so, and no more."""
+"""A small MCAP file that unpacks to gigabytes is read up to the chunk that does so."""
 
 import struct
 from collections.abc import Callable
