@@ -47,7 +47,8 @@ sys.addaudithook(_note)
 @contextmanager
 def touched_in(folder: Path) -> Iterator[list[str]]:
     """Yield what the block opens, lists, writes, moves or removes in a folder."""
-    _watched.append((os.path.realpath(folder), touched := []))
+    touched: list[str] = []
+    _watched.append((os.path.realpath(folder), touched))
     try:
         yield touched
     finally:

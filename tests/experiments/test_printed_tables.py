@@ -86,7 +86,7 @@ def test_an_error_is_half_of_the_median_width_of_the_intervals(share: bool, fact
     """Of a row without both ends, or with an end that is unknown, nothing is taken."""
     name = "success" if share else "time_difference_s"
     stem, unit = ("success", "") if share else ("time_difference", "_s")
-    widths = [0.02, 0.1, 0.06]
+    widths = [0.02, 0.16, 0.06]
     rows = [
         {
             name: 0.5,
