@@ -61,7 +61,7 @@ class _Scan:
             yield from self.of([(kind, body)])
 
     def of(self, records: Iterable[tuple[int, bytes]]) -> Iterator[RecoveredMessage]:
-        """Yield the messages among records; a chunk within a chunk is none."""
+        """Yield the messages among records, up to one that no chunk may hold, as another chunk."""
         for kind, body in records:
             if kind == _SCHEMA:
                 number, name, _, text = _texts("<H", body, 3)
@@ -74,6 +74,8 @@ class _Scan:
                 schema, topic = self.channels.get(number, (-1, ""))
                 name, text = self.schemas.get(schema, ("", ""))
                 yield RecoveredMessage(number, topic, name, text, received, body[22:])
+            else:
+                return
 
 
 def recovered_messages(path: Path) -> Iterator[RecoveredMessage]:

@@ -120,6 +120,15 @@ def test_a_chunk_within_a_chunk_is_not_opened(tmp_path: Path) -> None:
     assert len(read_raw(path, [ODOMETRY]).messages) == 1
 
 
+@pytest.mark.parametrize("kind", [0x00, 0x01, 0x05, 0x06, 0x80])
+def test_a_chunk_ends_at_a_record_that_it_may_not_hold(tmp_path: Path, kind: int) -> None:
+    """Or else millions of empty records take a minute."""
+    path = tmp_path / "a.mcap"
+    records = message() + record(kind, b"") + message()
+    path.write_bytes(HEAD + chunk(zstd(records), "zstd", 0) + message())
+    assert len(read_raw(path, [ODOMETRY]).messages) == 2
+
+
 @pytest.mark.parametrize("size", [2**40, 2**63, 2**64 - 1])
 def test_a_record_that_states_any_size(tmp_path: Path, size: int) -> None:
     path = tmp_path / "a.mcap"
