@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from ..framework.values.errors import WideberthError, short
-from .mcap_recovery import recovered_messages
+from .mcap_recovery import check_chunks, recovered_messages
 from .ros_extra import needed
 
 SUFFIXES = (".mcap", ".db3")
@@ -113,6 +113,9 @@ def _part(file: Path, wanted: frozenset[str]) -> RawBag:
 
 def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
     """Read a recording, or one of its files, that is sound."""
+    for file in storage_files(path):
+        if file.suffix == ".mcap":
+            check_chunks(file)  # rosbags unpacks a chunk to whatever size it has
     with needed("rosbags.rosbag2").Reader(path) as reader:
         topics = tuple(
             RawTopic(
@@ -135,16 +138,20 @@ def _recovered(file: Path, wanted: frozenset[str]) -> RawBag:
     place: dict[int, int] = {}
     topics: list[RawTopic] = []
     rows = []
-    for one in recovered_messages(file):
-        if one.channel not in place:
-            place[one.channel] = len(topics)
-            topics.append(RawTopic(one.topic, one.kind, 1, 0))
-        at = place[one.channel]
-        topics[at] = topics[at]._replace(size=topics[at].size + 1)
-        if one.kind in wanted:
-            rows.append(RawMessage(at, one.definition, one.received, one.data))
+    reason = ""
+    try:
+        for one in recovered_messages(file):
+            if one.channel not in place:
+                place[one.channel] = len(topics)
+                topics.append(RawTopic(one.topic, one.kind, 1, 0))
+            at = place[one.channel]
+            topics[at] = topics[at]._replace(size=topics[at].size + 1)
+            if one.kind in wanted:
+                rows.append(RawMessage(at, one.definition, one.received, one.data))
+    except WideberthError as error:
+        reason = f": {error}"
     total = sum(one.size for one in topics)
-    note = f"{file.name} is damaged; the {total} messages before the damage are read"
+    note = f"{file.name} is damaged; the {total} messages before the damage are read{reason}"
     return RawBag(tuple(topics), tuple(rows), (note,))
 
 

@@ -53,7 +53,9 @@ class BagWriter:
         try:
             self._bag.open()
         except OSError as error:
-            raise WideberthError(f"{self.folder} cannot be made: {error.strerror}") from None
+            raise WideberthError(
+                f"{self.folder} cannot be made: {error.strerror}; give another folder with --out"
+            ) from None
         return self
 
     def __exit__(

@@ -5,7 +5,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Collection
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, chdir, nullcontext
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Annotated, Any
@@ -58,7 +58,8 @@ def _import_named(context: typer.Context, modules: list[str] | None) -> list[str
     from ...framework.plugins.config import import_plugins
 
     if not context.resilient_parsing:
-        import_plugins(modules or ())
+        with chdir(os.curdir):  # plug-ins may change it
+            import_plugins(modules or ())
     return modules
 
 
@@ -408,13 +409,14 @@ def fit(
 
     out = expanded(out)
     check_place(out)
-    unfitted = fitting.read_predictor(predictor, set_ or [])
+    with chdir(os.curdir):
+        unfitted = fitting.read_predictor(predictor, set_ or [])
     with working("reading the recordings"):
         found = fitting.read_files(recordings, dt)
         scenes = fitting.scenes(found, noise)
     for name, recording in found.items():
         typer.echo(f"{name}: {fitting.described(recording, noise)}")
-    with working(f"fitting {predictor}"):
+    with working(f"fitting {predictor}"), chdir(os.curdir):  # plug-ins may change it
         fitted, changes = fitting.fitted(unfitted, scenes)
     typer.echo("\n".join(f"learnt {change}" for change in changes))
     path = save_plugin(out, "predictors", fitted)
@@ -703,7 +705,7 @@ def export(
         source = write(
             config,
             set_ or [],
-            expanded(out),
+            expanded(out).absolute(),
             planner=of,
             obstacles=obstacles,
             polygons=polygons,
@@ -789,18 +791,20 @@ def film(
     plugins: Plugins = None,
 ) -> None:
     """Film an episode in space, drawn by MuJoCo; from above where that cannot be."""
+    from ...framework.plugins.io import check_target
     from ...simulation.physics.film import film as filmed
     from ..engine.progress import working
     from ..engine.result import read_episode
 
     _, found = _kept_episodes(episode, "filmed")
+    written = expanded(out) if out else Path(f"{found[0].stem}.gif")
+    check_target(written, "GIF8" if written.suffix == ".gif" else "")
     log = read_episode(found[0])
     try:
         made = filmed(log)
     except WideberthError as error:
         typer.echo(f"{error}\nIt is filmed from above instead.")
         made = log.animate()
-    written = expanded(out) if out else Path(f"{found[0].stem}.gif")
     with working("drawing the frames"):
         made.save(written)
     typer.echo(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")

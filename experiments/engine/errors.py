@@ -1,7 +1,8 @@
 """Exceptions of plug-ins as messages for the user."""
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 
 from ...framework.values.errors import WideberthError
 from ...framework.values.failures import in_words
@@ -16,6 +17,8 @@ def describe_error(error: BaseException) -> str:
 def as_user_error(head: str = "") -> Iterator[None]:
     """Re-raise any exception of the block, or an exit, as a `WideberthError`.
 
+    The working folder is that from before the block again, whatever plug-ins in it have done.
+
     Parameters
     ----------
     head : begins the message.
@@ -25,6 +28,7 @@ def as_user_error(head: str = "") -> Iterator[None]:
     WideberthError : the block has raised anything but a KeyboardInterrupt.
     """
     try:
-        yield
+        with chdir(os.curdir):
+            yield
     except (Exception, SystemExit) as error:
         raise WideberthError(f"{head}{describe_error(error)}") from error

@@ -14,6 +14,7 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest, short
 from .column_descriptions import shares
 from .csv_tables import Row, read_table
+from .inside import inside
 from .text_tables import (
     UNKNOWN,
     columns_of,
@@ -23,6 +24,7 @@ from .text_tables import (
     in_per_cent,
     main_columns,
     markdown_table,
+    plain,
     with_unit,
 )
 
@@ -93,7 +95,7 @@ def of_rows(study: str, rows: Sequence[Row], columns: Sequence[str]) -> Extract:
 
 def study_of(folder: Path) -> str:
     """Return the registered name of a result's study."""
-    return str(read_config(folder / "config.yaml", stored=True).get("type", ""))
+    return str(read_config(inside(folder, "config.yaml"), stored=True).get("type", ""))
 
 
 _END = re.compile(r"_(low|high)(?=(_[a-z]+)?$)")
@@ -119,7 +121,7 @@ def _error(column: str, rows: Sequence[Row], share: bool) -> float:
 
 def answers(folder: Path) -> Extract:
     """Return the columns of a result's summary that answer its study's question."""
-    study, rows = study_of(folder), read_table(folder / "summary.csv")
+    study, rows = study_of(folder), read_table(inside(folder, "summary.csv"))
     return of_rows(study, rows, answering(study, rows))
 
 
@@ -137,7 +139,8 @@ def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
     """Return the first table that has all these columns, and its name."""
     known: list[str] = []
     for name in ("summary.csv", "table.csv", "times.csv"):
-        rows = read_table(folder / name) if (folder / name).is_file() else []
+        path = inside(folder, name)
+        rows = read_table(path) if path.is_file() else []
         if rows and set(wanted) <= set(rows[0]):
             return name, rows
         known += columns_of(rows)
@@ -181,7 +184,7 @@ def _mean(values: Sequence[float]) -> float:
 
 def markdown_text(chosen: Extract) -> str:
     """Return an extract as a Markdown table with units; the measure of a pivot stands above."""
-    above = f"{chosen.measure}\n\n" if chosen.measure else ""
+    above = f"{plain(chosen.measure)}\n\n" if chosen.measure else ""
     return above + markdown_table([_titled(row, chosen) for row in chosen.rows])
 
 
@@ -225,7 +228,9 @@ def latex_text(chosen: Extract) -> str:
 
 
 def _latex_line(cells: Sequence[str]) -> str:
-    return f"{' & '.join(map(_latex, cells))} \\\\"
+    line = " & ".join(map(_latex, cells))
+    option = line.startswith(("[", "*"))  # as which LaTeX reads these behind a line's end
+    return f"{'{}' * option}{line} \\\\"
 
 
 _DIGITS, _LEAST, _MORE, _OF_ERROR = 4, 2, 2, 2
@@ -302,13 +307,14 @@ _SPECIAL = {
 
 
 def _latex(text: str) -> str:
-    r"""Return text as LaTeX writes it.
+    r"""Return text as LaTeX writes it, in one line.
 
     Examples
     --------
     >>> print(_latex("asked 95 % of box_1"), _latex("<0.001"))
     asked 95 \% of box\_1 $<$0.001
     """
+    text = "".join(sign if sign.isprintable() else " " for sign in text)
     return "".join(_SPECIAL.get(sign, sign) for sign in text)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...framework.plugins.extras import from_extra
 from ...framework.plugins.io import read_json, write_bytes
 from .csv_tables import read_table
-from .result_folder import refuse_links
+from .inside import inside
 
 if TYPE_CHECKING:
     import pyarrow
@@ -37,9 +37,9 @@ def write_parquet(folder: Path) -> Path:
     import pyarrow
     from pyarrow import parquet
 
-    rows = read_table(folder / "table.csv")
-    config = (folder / "config.yaml").read_bytes()
-    origin = read_json(folder / "provenance.json", "provenance", 1)
+    rows = read_table(inside(folder, "table.csv"))
+    config = inside(folder, "config.yaml").read_bytes()
+    origin = read_json(inside(folder, "provenance.json"), "provenance", 1)
     names = list(rows[0]) if rows else []
     columns = [_column([row[name] for row in rows]) for name in names]
     metadata = {
@@ -50,8 +50,7 @@ def write_parquet(folder: Path) -> Path:
     table = pyarrow.Table.from_arrays(columns, names=names).replace_schema_metadata(metadata)
     buffer = io.BytesIO()
     parquet.write_table(table, buffer, compression="zstd")
-    refuse_links(folder, folder / "table.parquet")
-    return write_bytes(folder / "table.parquet", buffer.getvalue())
+    return write_bytes(inside(folder, "table.parquet"), buffer.getvalue())
 
 
 def _column(values: Sequence[Any]) -> "pyarrow.Array[Any]":

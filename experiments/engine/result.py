@@ -17,6 +17,7 @@ from ...framework.values.errors import WideberthError, nearest
 from ...simulation.log.episode_log import Episode
 from .csv_tables import Row, read_table
 from .extract import answers, html_text
+from .inside import files_inside, inside
 from .places import RESULTS
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ class Result:
     @property
     def config(self) -> dict[str, Any]:
         """The resolved config of the run."""
-        return read_config(self.folder / "config.yaml", stored=True)
+        return read_config(inside(self.folder, "config.yaml"), stored=True)
 
     @property
     def tables(self) -> "FilesByName[pandas.DataFrame]":
@@ -86,10 +87,13 @@ class Result:
 
         docs/results.md says what the columns mean. An empty cell is missing (NaN).
         """
-        found = [self.folder / f"{name}.csv" for name in ("summary", "table", "times")]
-        found += sorted((self.folder / "figures").glob("*.csv"))
-        inside = {path.relative_to(self.folder): path for path in found if path.is_file()}
-        names = {place.with_suffix("").as_posix(): path for place, path in inside.items()}
+        found = [inside(self.folder, f"{name}.csv") for name in ("summary", "table", "times")]
+        found += [path for path in self._drawn(".csv") if path.parent.name == "figures"]
+        names = {
+            path.relative_to(self.folder).with_suffix("").as_posix(): path
+            for path in found
+            if path.is_file()
+        }
         return FilesByName("table", names, _read_frame)
 
     @property
@@ -100,40 +104,40 @@ class Result:
     @property
     def figures(self) -> FilesByName[Path]:
         """The figures as PNG files, by name; drawn first if they are not there yet."""
-        place = self.folder / "figures"
+        place = inside(self.folder, "figures")
         if self.draw is not None and not place.is_dir():
             self.draw(self.folder)
-        drawn = sorted(place.rglob("*.png"))
+        drawn = self._drawn(".png")
         names = {path.relative_to(place).with_suffix("").as_posix(): path for path in drawn}
         return FilesByName("figure", names, lambda path: path)
+
+    def _drawn(self, suffix: str) -> list[Path]:
+        """Return the files of one kind among the figures, sorted."""
+        return [path for path in files_inside(self.folder, "figures") if path.suffix == suffix]
 
     @property
     def episodes(self) -> FilesByName[Episode]:
         """The episodes that the run kept, by the names of their files in files/."""
         names = [name.removesuffix(".npz") for name in self.names() if name.endswith(".npz")]
-        paths = {name: self.folder / "files" / f"{name}.npz" for name in names}
+        paths = {name: inside(self.folder, f"files/{name}.npz") for name in names}
         kept = {name: path for name, path in paths.items() if _holds_episode(path)}
         return FilesByName("episode", kept, read_episode)
 
     @property
     def rows(self) -> list[Row]:
         """The table, one dictionary per line."""
-        return read_table(self.folder / "table.csv")
+        return read_table(inside(self.folder, "table.csv"))
 
     @property
     def times(self) -> list[Row]:
         """The measured times; empty if nothing was timed."""
-        path = self.folder / "times.csv"
+        path = inside(self.folder, "times.csv")
         return read_table(path) if path.exists() else []
 
     def names(self) -> list[str]:
         """Names of the files that the tasks left, sorted."""
-        folder = self.folder / "files"
-        if not folder.is_dir():
-            return []
-        return sorted(
-            path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
-        )
+        found = files_inside(self.folder, "files")
+        return sorted(path.relative_to(self.folder / "files").as_posix() for path in found)
 
     def read(self, name: str) -> bytes:
         """Content of one of these files.
@@ -142,7 +146,7 @@ class Result:
         ------
         WideberthError : no file of that name.
         """
-        path = self.folder / "files" / name
+        path = inside(self.folder, f"files/{name}")
         if not path.is_file():
             raise WideberthError(
                 f"{self.folder} holds no file {name!r}; it holds {self.names() or 'none'}"
@@ -169,13 +173,13 @@ def check_finished(folder: Path) -> None:
     ------
     WideberthError : no result there, with the nearest name that has one, or an unfinished one.
     """
-    if not (folder / "config.yaml").is_file():
+    if not inside(folder, "config.yaml").is_file():
         beside = [path.parent.name for path in folder.absolute().parent.glob("*/config.yaml")]
-        inside = RESULTS / folder
-        hint = f": did you mean '{inside}'?" if (inside / "config.yaml").is_file() else ""
+        shelved = RESULTS / folder
+        hint = f": did you mean '{shelved}'?" if (shelved / "config.yaml").is_file() else ""
         hint = hint or nearest(folder.name, beside)
         raise WideberthError(f"{folder} holds no result; `wideberth run` makes one{hint}")
-    if not (folder / "table.csv").is_file():
+    if not inside(folder, "table.csv").is_file():
         raise WideberthError(f"the run in {folder} is not finished; run the same command again")
 
 

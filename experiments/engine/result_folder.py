@@ -17,11 +17,12 @@ from typing import Any
 
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.file_lock import file_lock
-from ...framework.plugins.io import read_json, write_json, write_text
+from ...framework.plugins.io import flush, read_json, write_json, write_text
 from ...framework.plugins.yamlfile import STORED, dump, parse, read_config
 from ...framework.values.errors import WideberthError
+from .inside import files_inside, inside, is_inside
 from .progress import say
-from .tasks import TASKS, is_inside, read_task, task_folders
+from .tasks import TASKS, read_task, seal, task_folders
 
 CONFIG, PROVENANCE = "config.yaml", "provenance.json"
 TABLES = ("table.csv", "times.csv", "summary.csv", "summary.md", "table.parquet")
@@ -89,8 +90,9 @@ def _check_folder(out: Path) -> None:
 
 
 def _is_result(out: Path) -> bool:
+    origin = inside(out, PROVENANCE)
     try:
-        read_json(out / PROVENANCE, "provenance", 1)
+        read_json(origin, "provenance", 1)
     except WideberthError:
         return False
     return True
@@ -98,8 +100,9 @@ def _is_result(out: Path) -> bool:
 
 def _is_empty(out: Path) -> bool:
     """Whether a folder holds nothing but what a run makes before its first file."""
-    ours = {out / TASKS, out / TASKS / LOCK, *half_written(out)}
-    return all(path in ours for path in (*out.iterdir(), *(out / TASKS).glob("*")))
+    tasks = inside(out, TASKS)
+    ours = {tasks, tasks / LOCK, *half_written(out)}
+    return all(path in ours for path in (*out.iterdir(), *tasks.glob("*")))
 
 
 @contextmanager
@@ -112,9 +115,9 @@ def locked(out: Path) -> Iterator[None]:
     """
     with ExitStack() as held:
         try:
-            refuse_links(out, out / TASKS / LOCK)
-            (out / TASKS).mkdir(parents=True, exist_ok=True)
-            held.enter_context(file_lock(out / TASKS / LOCK))
+            lock = inside(out, f"{TASKS}/{LOCK}")
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            held.enter_context(file_lock(lock))
         except BlockingIOError:
             raise WideberthError(
                 f"another run is at work in {out}; let it finish, stop it, or give another "
@@ -145,14 +148,14 @@ def prepare(
     if fresh:
         if kept := remove_result(out):
             say(f"kept in {out}, since no run wrote it: {', '.join(path.name for path in kept)}")
-    if not (out / CONFIG).exists() and not any(task_folders(out / TASKS)):
-        write_json(out / PROVENANCE, "provenance", 1, origin)
-        write_text(out / CONFIG, dump(dict(config)))
+    if not inside(out, CONFIG).exists() and not any(task_folders(inside(out, TASKS))):
+        write_json(inside(out, PROVENANCE), "provenance", 1, origin)
+        write_text(inside(out, CONFIG), dump(dict(config)))
         return False
     extended = is_smaller(out, config, str(origin["source"]), growing)
     if extended:
         remove_files(out, _derived(out))  # first the table that says that the run is complete
-        write_text(out / CONFIG, dump(dict(config)))
+        write_text(inside(out, CONFIG), dump(dict(config)))
     return extended
 
 
@@ -165,12 +168,12 @@ def is_smaller(
     ------
     WideberthError : it is that of another config, source code or data, or cannot be read.
     """
-    refuse_links(out, out / CONFIG)
-    if not (out / CONFIG).is_file():
+    if not inside(out, CONFIG).is_file():
         raise WideberthError(f"{out} holds a result without its {CONFIG}; {CURE}")
+    origin = inside(out, PROVENANCE)
     try:
-        found = read_config(out / CONFIG, stored=True)
-        stored = read_json(out / PROVENANCE, "provenance", 1)
+        found = read_config(inside(out, CONFIG), stored=True)
+        stored = read_json(origin, "provenance", 1)
     except WideberthError as error:
         raise WideberthError(f"{error}; {CURE}") from None
     names = differing_keys(found, config)
@@ -223,15 +226,14 @@ def claim_figures(out: Path, names: Iterable[str]) -> None:
     """
     names, drawn = set(names), set(_drawn(out))
     for name in sorted(names):
-        refuse_overwriting(out, out / name, name in drawn)
-    (out / TASKS).mkdir(exist_ok=True)
+        refuse_overwriting(inside(out, name), name in drawn)
+    inside(out, TASKS).mkdir(exist_ok=True)
     if not names <= drawn:
-        write_json(out / FIGURES, "figures", 1, {"files": sorted(names | drawn)})
+        write_json(inside(out, FIGURES), "figures", 1, {"files": sorted(names | drawn)})
 
 
-def refuse_overwriting(out: Path, path: Path, ours: bool = False) -> None:
-    """Refuse to write over a file that no run wrote, or through a symbolic link."""
-    refuse_links(out, path)
+def refuse_overwriting(path: Path, ours: bool = False) -> None:
+    """Refuse to write over a file that no run wrote."""
     if not ours and os.path.lexists(path):
         raise WideberthError(
             f"{path} was not written by this package and is not overwritten; move it away "
@@ -241,17 +243,18 @@ def refuse_overwriting(out: Path, path: Path, ours: bool = False) -> None:
 
 def _drawn(out: Path) -> list[str]:
     """Return the names of the figures that were drawn."""
-    if not (out / FIGURES).is_file():
+    place = inside(out, FIGURES)
+    if not place.is_file():
         return []
-    names = read_json(out / FIGURES, "figures", 1).get("files")
+    names = read_json(place, "figures", 1).get("files")
     if not isinstance(names, list) or not all(map(is_inside, names)):
-        raise WideberthError(f"{out / FIGURES} is damaged: 'files' must be names in the folder")
+        raise WideberthError(f"{place} is damaged: 'files' must be names in the folder")
     return names
 
 
 def _derived(out: Path) -> list[Path]:
     """Return where tables and figures are, the table that says that the run is complete first."""
-    return [out / name for name in (*TABLES, *_drawn(out), FIGURES)]
+    return [inside(out, name) for name in (*TABLES, *_drawn(out), FIGURES)]
 
 
 def own_files(out: Path) -> list[Path]:
@@ -261,18 +264,16 @@ def own_files(out: Path) -> list[Path]:
     ------
     WideberthError : a symbolic link where a file of the result should be.
     """
-    tasks = [*task_folders(out / TASKS)]
+    tasks = [*task_folders(inside(out, TASKS))]
     moved = [path for folder in tasks for path in moved_files(out, folder)]
-    inside = [path for folder in tasks for path in folder.rglob("*") if not path.is_dir()]
-    places = [out / CONFIG, *_derived(out), *moved, *inside]
-    for path in (*places, out / PROVENANCE):
-        refuse_links(out, path)
-    return [*places, *half_written(out, places), out / PROVENANCE]
+    left = [path for folder in tasks for path in files_inside(out, folder.relative_to(out))]
+    places = [inside(out, CONFIG), *_derived(out), *moved, *left]
+    return [*places, *half_written(out, places), inside(out, PROVENANCE)]
 
 
 def half_written(out: Path, places: Collection[Path] = ()) -> list[Path]:
     """Return what killed runs left incomplete of some files and of those of every result."""
-    places = {*places, *(out / name for name in NAMES)}
+    places = {*places, *(inside(out, name) for name in NAMES)}
     return [
         path
         for parent in sorted({path.parent for path in places if path.parent.is_dir()})
@@ -288,23 +289,43 @@ def moved_files(out: Path, folder: Path) -> list[Path]:
         task = read_task(folder.parent, folder.name)
     except WideberthError:  # a damaged one does not say which files it had
         return []
-    names = task.files if task else ()
-    return [out / "files" / name for name in names if not (folder / "files" / name).exists()]
+    places = [file_place(out, folder.name, name) for name in (task.files if task else ())]
+    return [path for path in places if folder not in path.parents]
+
+
+def file_place(out: Path, key: str, name: str) -> Path:
+    """Return where a file of a task is: in the task's folder, or at its place in the result."""
+    path = inside(out, f"{TASKS}/{key}/files/{name}")
+    return path if path.exists() else inside(out, f"files/{name}")
 
 
 def remove_task(out: Path, folder: Path) -> None:
     """Remove the folder of a task, finished or not, and its files."""
     remove_files(out, moved_files(out, folder))
-    shutil.rmtree(folder)
+    shutil.rmtree(inside(out, folder.relative_to(out)))
 
 
-def is_whole(out: Path, key: str) -> bool:
-    """Whether a task is finished, can be read and has all its files."""
+def damage(out: Path, key: str) -> str:
+    """Return why a task that is finished cannot be used, or nothing.
+
+    Raises
+    ------
+    WideberthError : a symbolic link where the task or one of its files should be.
+    """
+    files_inside(out, f"{TASKS}/{key}")
     try:
-        task = read_task(out / TASKS, key)
-    except WideberthError:
-        return False
-    return task is not None and all(map(Path.is_file, moved_files(out, out / TASKS / key)))
+        task = read_task(inside(out, TASKS), key)
+    except WideberthError as error:
+        return str(error)
+    for name, stored in task.files.items() if task else ():
+        path = file_place(out, key, name)
+        if not path.is_file():
+            return f"{path} is missing"
+        if not stored:
+            return f"version 1 stored no hash of {path}"
+        if path.stat().st_size != stored.get("size") or seal(path.read_bytes()) != stored:
+            return f"{path} is not what the task wrote"
+    return ""
 
 
 def move_file(out: Path, key: str, name: str) -> None:
@@ -314,15 +335,14 @@ def move_file(out: Path, key: str, name: str) -> None:
     ------
     WideberthError : another file is there, or the file cannot be written.
     """
-    source, target = out / TASKS / key / "files" / name, out / "files" / name
+    source, target = inside(out, f"{TASKS}/{key}/files/{name}"), inside(out, f"files/{name}")
     if not source.exists():
         return
-    refuse_overwriting(out, target)
+    refuse_overwriting(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with source.open("rb") as file:
-            os.fsync(file.fileno())
         source.rename(target)
+        flush(target.parent)
         _remove_empty(out, [source])
     except OSError as error:
         raise WideberthError(f"{target} cannot be written: {error.strerror or error}") from None
@@ -339,7 +359,7 @@ def remove_result(out: Path) -> list[Path]:
     """
     first, *found = own_files(out)
     first.unlink(missing_ok=True)
-    for folder in [*task_folders(out / TASKS)]:
+    for folder in [*task_folders(inside(out, TASKS))]:
         remove_task(out, folder)
     remove_files(out, found)
     others = [path for path in out.iterdir() if path.name != TASKS]
@@ -349,7 +369,7 @@ def remove_result(out: Path) -> list[Path]:
 def remove_files(out: Path, paths: Sequence[Path]) -> None:
     """Remove files of a result, in this order, and the folders that are empty then."""
     for path in paths:
-        path.unlink(missing_ok=True)
+        inside(out, path.relative_to(out)).unlink(missing_ok=True)
     _remove_empty(out, paths)
 
 
@@ -358,15 +378,3 @@ def _remove_empty(out: Path, paths: Iterable[Path]) -> None:
     for parent in sorted(parents - {Path(), Path(TASKS)}, reverse=True):
         if (out / parent).is_dir() and not any((out / parent).iterdir()):
             (out / parent).rmdir()
-
-
-def refuse_links(out: Path, path: Path) -> None:
-    """Refuse a symbolic link on the way from a result's folder to a file."""
-    here = out
-    for part in path.relative_to(out).parts:
-        here /= part
-        if here.is_symlink():
-            raise WideberthError(
-                f"{here} is a symbolic link, which no run makes; nothing is written or removed "
-                "through it: put the file or folder itself there, or move the link away"
-            )

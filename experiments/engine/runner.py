@@ -6,9 +6,10 @@ and tasks/: a folder per finished task, of which the tables are made. table.csv 
 and says that the run is complete.
 """
 
+import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ from .base import Experiment, Result, Row, Task, TaskOutcome
 from .csv_tables import read_rows, table_text, write_table
 from .errors import as_user_error, describe_error
 from .extract import markdown_text, of_rows
+from .inside import inside
 from .pool import LocalPool, Pool, need_workers, sweep
 from .progress import progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
@@ -32,9 +34,9 @@ from .result_folder import (
     check_config,
     check_folder,
     claim_figures,
+    damage,
     half_written,
     is_smaller,
-    is_whole,
     locked,
     move_file,
     prepare,
@@ -115,7 +117,8 @@ def run(
     with as_user_error(), working("listing the work"):
         work = _work(chosen, plugins)
     growing, source = work.experiment.growing, str(work.origin["source"])
-    if (out / "table.csv").exists() and not fresh:
+    table = inside(out, "table.csv")
+    if table.exists() and not fresh:
         if not is_smaller(out, work.config, source, growing):
             return Result(out)
     with as_user_error(), working("preparing the run"):
@@ -124,7 +127,7 @@ def run(
     # The pool comes before the folder: without a scheduler no old result is thrown away.
     with _pool(work, min(workers, len(work.tasks)), scheduler) as pool, locked(out):
         extended = prepare(out, work.config, work.origin, growing, fresh)
-        if not (out / "table.csv").exists():
+        if not table.exists():
             _measure(work, out, pool, extended)
             try:
                 _collect(work, out)
@@ -195,7 +198,7 @@ def _measure(work: _Work, out: Path, pool: Pool | None, extended: bool) -> None:
 
     def keep(key: str, outcome: TaskOutcome) -> None:
         nonlocal done
-        write_task(out / TASKS, key, missing[key], outcome)
+        write_task(inside(out, TASKS), key, missing[key], outcome)
         done += 1
         advance()
         for kind, words in outcome.failures.items():
@@ -233,19 +236,19 @@ def _warning_once() -> Take:
 def _missing(work: _Work, out: Path) -> dict[str, Task]:
     """Return the tasks that are not finished; what is left of them and of others is removed."""
     remove_files(out, half_written(out))
-    for folder in task_folders(out / TASKS):
+    for folder in task_folders(inside(out, TASKS)):
         if folder.name not in work.tasks:  # not complete, or of a smaller result
             remove_task(out, folder)
-    missing = {key: task for key, task in work.tasks.items() if not is_whole(out, key)}
-    damaged = [out / TASKS / key for key in missing if (out / TASKS / key).exists()]
-    for folder in damaged:
-        remove_task(out, folder)
+    damaged = {key: reason for key in work.tasks if (reason := damage(out, key))}
+    for key in damaged:
+        remove_task(out, inside(out, f"{TASKS}/{key}"))
     if damaged:
         say(
-            f"{len(damaged)} of {len(work.tasks)} tasks of {out} are done again: "
-            "their folders are damaged"
+            f"{len(damaged)} of {len(work.tasks)} tasks of {out} are done again: they are damaged "
+            f"({next(iter(damaged.values()))})"
         )
-    return missing
+    done = {folder.name for folder in task_folders(inside(out, TASKS))}
+    return {key: task for key, task in work.tasks.items() if key not in done}
 
 
 def _kept(error: Exception, done: int, work: _Work, out: Path) -> WideberthError:
@@ -264,7 +267,7 @@ def _collect(work: _Work, out: Path) -> None:
     times: list[Row] = []
     owner: dict[str, str] = {}
     for key in work.tasks:
-        task = read_task(out / TASKS, key)
+        task = read_task(inside(out, TASKS), key)
         if task is None:
             raise WideberthError(f"{out}/{TASKS}/{key} vanished")
         rows += task.rows
@@ -275,13 +278,14 @@ def _collect(work: _Work, out: Path) -> None:
     for name, key in owner.items():
         move_file(out, key, name)
     if times:
-        write_table(out / "times.csv", times)
+        write_table(inside(out, "times.csv"), times)
     table = table_text(rows)
-    summary = work.experiment.summary(read_rows(table, "the table"))
-    write_table(out / "summary.csv", summary)
+    with chdir(os.curdir):
+        summary = work.experiment.summary(read_rows(table, "the table"))
+    write_table(inside(out, "summary.csv"), summary)
     whole = of_rows(str(work.config["type"]), summary, columns_of(summary))
-    write_text(out / "summary.md", f"{work.experiment.claim}\n\n{markdown_text(whole)}\n")
-    write_text(out / "table.csv", table)
+    write_text(inside(out, "summary.md"), f"{work.experiment.claim}\n\n{markdown_text(whole)}\n")
+    write_text(inside(out, "table.csv"), table)
 
 
 @as_data()
@@ -296,15 +300,16 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
         not registered.
     """
     check_finished(folder)
-    config = read_config(folder / "config.yaml", stored=True)
+    config = read_config(inside(folder, "config.yaml"), stored=True)
     modules = config.pop("plugins", None) or []
     try:
-        experiment: Experiment = build("experiments", config)
+        with chdir(os.curdir):  # plug-ins may change it
+            experiment: Experiment = build("experiments", config)
     except WideberthError as error:
         listed = f"; it lists plugins: {short(modules)}" if modules else ""
         reason = f"{folder / 'config.yaml'}: {error}{listed}{_written_by(folder)}"
         raise WideberthError(reason) from error
-    return experiment, Result(folder)
+    return experiment, Result(folder.absolute())  # wherever the study's figures are drawn from
 
 
 def reopened(folder: Path) -> tuple[Experiment | None, Result]:
@@ -319,13 +324,13 @@ def reopened(folder: Path) -> tuple[Experiment | None, Result]:
         return reopen(folder)
     except WideberthError as error:
         note_not_built(str(error))
-        return None, Result(folder)
+        return None, Result(folder.absolute())
 
 
 def _written_by(folder: Path) -> str:
     """Return which other version of the package wrote a result, if one did."""
     with suppress(WideberthError):
-        wrote = read_json(folder / "provenance.json", "provenance", 1).get("versions", {})
+        wrote = read_json(inside(folder, "provenance.json"), "provenance", 1).get("versions", {})
         if wrote.get("wideberth", __version__) != __version__:
             return (
                 f"; version {wrote['wideberth']} wrote this result and {__version__} is "
@@ -347,10 +352,13 @@ def draw(folder: Path) -> list[Path]:
     head = f"the result in {folder} is complete, its figures cannot be drawn: "
     with as_user_error(head), tempfile.TemporaryDirectory() as name:
         drawn = Path(name)
-        returned = experiment.figures(result, drawn)
-        made = {path: folder / "figures" / path.relative_to(drawn) for path in written(drawn)}
+        with chdir(os.curdir):
+            returned = experiment.figures(result, drawn)
+        made = {
+            path: inside(folder, "figures" / path.relative_to(drawn)) for path in written(drawn)
+        }
         claim_figures(folder, [path.relative_to(folder).as_posix() for path in made.values()])
-        (folder / "figures").mkdir(exist_ok=True)
+        inside(folder, "figures").mkdir(exist_ok=True)
         for path, target in made.items():
             target.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(target, path.read_bytes())
@@ -360,7 +368,8 @@ def draw(folder: Path) -> list[Path]:
 def written(folder: Path) -> Iterator[Path]:
     """Yield every file of a result that is for the reader, sorted."""
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.relative_to(folder).parts[0] != TASKS:
+        ours = path.relative_to(folder).parts[0] != TASKS
+        if ours and path.is_file() and not path.is_symlink():
             yield path
 
 

@@ -1,7 +1,9 @@
 """Configs that come with the package, and what a config builds."""
 
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import chdir
 from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, get_origin, get_type_hints
@@ -104,9 +106,10 @@ def built(given: Mapping[str, Any], changes: "Iterable[Change]") -> "tuple[Exper
         assign(config, *change)
     plugins = config.pop("plugins", None)
     plugins = [] if plugins is None else plugins
-    import_plugins(plugins)
-    _check_names(config.get("type"), deepcopy(dict(given)), changes)
-    experiment: Experiment = build("experiments", config)
+    with chdir(os.curdir):  # plug-ins may change it
+        import_plugins(plugins)
+        _check_names(config.get("type"), deepcopy(dict(given)), changes)
+        experiment: Experiment = build("experiments", config)
     return experiment, plugins
 
 

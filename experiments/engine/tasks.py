@@ -1,8 +1,9 @@
 """Finished tasks: a folder each, renamed into its place whole, so that a killed run can go on.
 
-``tasks/KEY/`` of a result holds ``rows.json`` (the rows of a task and the names of its files),
-``times.json`` (its measured times, if it has any) and, until the tables are made, its files. KEY
-is a hash of the experiment's config and the task. Only the driver writes there.
+``tasks/KEY/`` of a result holds ``rows.json`` (the rows of a task; name, size and hash of each of
+its files; how many times were measured), ``times.json`` (these times, if there are any) and, until
+the tables are made, the files. KEY is a hash of the experiment's config and the task. Only the
+driver writes there.
 """
 
 import hashlib
@@ -12,22 +13,32 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
-from ...framework.plugins.io import parse_json, read_text, stamped, unstamped
+from ...framework.plugins.io import flush, parse_json, read_text, stamped, unstamped
 from ...framework.values.errors import WideberthError, short
 from .base import Row, Task, TaskOutcome
 from .csv_tables import table_text
+from .inside import inside, is_inside
 
 TASKS = "tasks"
 """Folder of a result that holds the finished tasks."""
-VERSION = 1
-"""Of the format."""
+VERSION = 2
+"""Of the format. Version 1 has no sizes and hashes, and no number of times."""
 LARGEST = 2**30
 """Bytes of the rows of one task."""
 _FOLDER = re.compile(r"[0-9a-f]{24}|\.[0-9a-f]{24}\.[a-z0-9_]{8}\.part")
 """Name of a finished task's folder, or of one that is not complete."""
+
+
+Seal: TypeAlias = dict[str, Any]
+"""Size of a file, bytes, and its SHA-256, by which damage is seen."""
+
+
+def seal(data: bytes) -> Seal:
+    """Return size and hash of a file's content."""
+    return {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 @dataclass(frozen=True)
@@ -37,12 +48,12 @@ class FinishedTask:
     Attributes
     ----------
     rows, times : as of `TaskOutcome`.
-    files : names of its files.
+    files : name of each of its files -> its `seal`, empty where none was stored.
     """
 
     rows: list[Row]
     times: list[Row]
-    files: list[str]
+    files: dict[str, Seal]
 
 
 def checked_tasks(tasks: Sequence[Task]) -> list[Task]:
@@ -99,14 +110,6 @@ def checked_outcome(task: Task, outcome: TaskOutcome) -> TaskOutcome:
         raise WideberthError(f"task {task.name!r}: {error}") from None
 
 
-def is_inside(name: object) -> bool:
-    """Whether a name is that of a file in a folder."""
-    if not isinstance(name, str) or not name or "\0" in name:
-        return False
-    place = PurePosixPath(name)
-    return not place.is_absolute() and ".." not in place.parts and place.as_posix() == name
-
-
 def _plain(rows: Sequence[Row]) -> list[Row]:
     table_text(rows)  # refuses whatever a table cannot hold
     return [
@@ -118,13 +121,15 @@ def _plain(rows: Sequence[Row]) -> list[Row]:
 def write_task(folder: Path, key: str, task: Task, outcome: TaskOutcome) -> None:
     """Write the folder of a finished task below ``folder``; it appears whole or not at all.
 
-    The disk is not waited for: what a power cut leaves of a task is seen to be damaged.
+    Files and folder are on the disk before the folder gets its name, which a power cut keeps.
 
     Raises
     ------
     WideberthError : it cannot be written; nothing of it is left.
     """
-    content = {"task": task.name, "rows": outcome.rows, "files": list(outcome.files)}
+    seals = {name: seal(data) for name, data in outcome.files.items()}
+    timed = len(outcome.times)
+    content = {"task": task.name, "rows": outcome.rows, "files": seals, "timed": timed}
     inside = {"rows.json": _stamped(content)}
     if outcome.times:
         inside["times.json"] = _stamped({"task": task.name, "times": outcome.times})
@@ -138,7 +143,10 @@ def write_task(folder: Path, key: str, task: Task, outcome: TaskOutcome) -> None
                 path = Path(made, name)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(data)
+            for path in (*Path(made).rglob("*"), Path(made)):
+                flush(path)
             os.rename(made, folder / key)
+        flush(folder)
     except OSError as error:
         reason = error.strerror or error
         raise WideberthError(f"{folder / key} cannot be written: {reason}") from None
@@ -155,13 +163,18 @@ def read_task(folder: Path, key: str) -> FinishedTask | None:
     ------
     WideberthError : it is damaged.
     """
-    path = folder / key
+    path = inside(folder, key)
     if not path.exists():
         return None
-    content = _read(path / "rows.json")
-    times = _read(path / "times.json").get("times") if (path / "times.json").exists() else []
+    content = _read(inside(folder, f"{key}/rows.json"))
+    timed = inside(folder, f"{key}/times.json")
+    times = _read(timed).get("times") if timed.exists() else []
+    if content.get("timed") and not times:
+        raise WideberthError(f"{timed} is missing or empty")
     files = content.get("files")
-    if not isinstance(files, list) or not all(map(is_inside, files)):
+    if isinstance(files, list):  # of version 1
+        files = {name: {} for name in files if isinstance(name, str)}
+    if not isinstance(files, dict) or not all(map(is_inside, files)):
         raise WideberthError(f"{path} is damaged: 'files' must be names in the folder")
     return FinishedTask(_rows(path, content.get("rows")), _rows(path, times), files)
 

@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import chdir, suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -153,7 +153,8 @@ def _place() -> str:
 def measured(experiment: Experiment, task: Task) -> TaskOutcome:
     """Measure one task and return its checked outcome.
 
-    Controllers warn of nothing: what they did otherwise than asked stands in the result.
+    Controllers warn of nothing: what they did otherwise than asked stands in the result. The next
+    task finds the working folder that this one found.
 
     Raises
     ------
@@ -161,7 +162,7 @@ def measured(experiment: Experiment, task: Task) -> TaskOutcome:
     """
     with _Interrupt() as interrupt:
         try:
-            with quiet():
+            with quiet(), chdir(os.curdir):
                 outcome = experiment.measure(task)
         except (Exception, SystemExit) as error:  # a plug-in may fail in any way; say where
             interrupt.check()

@@ -1,21 +1,25 @@
 """`wideberth report`: one or several results as a page that can be sent, and as Markdown."""
 
 import math
+import os
 import struct
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from ...framework.plugins.io import check_target, read_json, write_text
 from ...framework.plugins.registry import as_data
-from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.column_descriptions import ColumnDescription, column_descriptions
 from ..engine.csv_tables import read_table, table_text
-from ..engine.extract import answering, markdown_text, of_rows
+from ..engine.errors import as_user_error
+from ..engine.extract import answering, markdown_text, of_rows, study_of
+from ..engine.inside import files_inside, inside
 from ..engine.result import condense_times
 from ..engine.runner import draw, reopened
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
@@ -64,10 +68,15 @@ class Report:
 
 
 @as_data()
-def gather(folder: Path) -> Report:
+def gather(folder: Path, spare: Path | None = None) -> Report:
     """Read a result; draw its figures first if there are none.
 
     Of a study that is not registered, see `as_data`, tables and existing figures are reported.
+
+    Parameters
+    ----------
+    folder : of the result.
+    spare : empty folder that takes the figures of a result whose own folder may not be written.
 
     Raises
     ------
@@ -76,21 +85,27 @@ def gather(folder: Path) -> Report:
     if folder.exists() and not folder.is_dir():
         raise WideberthError(f"{folder} is a file; wanted the folder of a result")
     experiment, result = reopened(folder)
+    drawn = files_inside(folder, "figures")
     if experiment is not None and not (folder / "figures").is_dir():
-        draw(folder)
-    drawn = sorted((folder / "figures").rglob("*"))
+        if spare is None or os.access(folder, os.W_OK):
+            draw(folder)
+            drawn = files_inside(folder, "figures")
+        else:
+            with as_user_error(f"the figures of {folder} cannot be drawn: "):
+                experiment.figures(result, spare)
+            drawn = sorted(spare.rglob("*"))
     return Report(
         name=folder.resolve().name,
         claim="" if experiment is None else experiment.claim,
-        summary=read_table(folder / "summary.csv"),
+        summary=read_table(inside(folder, "summary.csv")),
         rows=result.rows,
         times=condense_times(result.times),
         pictures=[path for path in drawn if path.suffix in (".png", ".gif")],
         episodes=kept_episodes(folder),
         tail=result_tail(folder),
-        config=(folder / "config.yaml").read_text(encoding="utf-8"),
-        provenance=read_json(folder / "provenance.json", "provenance", 1),
-        study=str(read_config(folder / "config.yaml", stored=True).get("type")),
+        config=inside(folder, "config.yaml").read_text(encoding="utf-8"),
+        provenance=read_json(inside(folder, "provenance.json"), "provenance", 1),
+        study=study_of(folder),
         captions={} if experiment is None else experiment.captions,
         headline=() if experiment is None else experiment.headline,
     )
@@ -132,9 +147,12 @@ def report(folders: Sequence[Path], out: Path) -> tuple[Path, Path]:
         raise WideberthError(f"{out} must end in .html; the Markdown is written beside it")
     check_target(out, MARK)
     check_target(out.with_suffix(".md"), TABLES)
-    found = [gather(folder) for folder in folders]
+    with ExitStack() as held:
+        spare = [Path(held.enter_context(TemporaryDirectory())) for _ in folders]
+        found = [gather(*places) for places in zip(folders, spare, strict=True)]
+        html = report_page(found)
     tables = write_text(out.with_suffix(".md"), markdown(found))
-    return write_text(out, report_page(found)), tables
+    return write_text(out, html), tables
 
 
 def markdown(reports: Sequence[Report]) -> str:

@@ -28,6 +28,7 @@ from ..drawing.plotting import COLOURS
 from ..engine.base import Task
 from ..engine.closed_loop import KEPT_BY, controllers_of, log_name
 from ..engine.errors import as_user_error
+from ..engine.inside import files_inside, inside
 from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopened
 from .page import MARK, PLAYER, escaped, filled, page, text_of
@@ -167,10 +168,11 @@ def _labels(path: Path, task: Task | None) -> dict[str, str]:
     """Return the scenario of an episode and what else its result compares."""
     if task is None:
         return {"scenario": path.stem}
-    stated = read_config(path.resolve().parents[1] / "config.yaml", stored=True).get("scenario")
+    folder = path.resolve().parents[1]
+    stated = read_config(inside(folder, "config.yaml"), stored=True).get("scenario")
     known = {name: str(task.settings[name]) for name in KEPT_BY if name in task.settings}
     alone = stated.get("type") if isinstance(stated, dict) else None  # of one, tasks name none
-    scenario = str(alone or known.get("scenario") or path.resolve().parents[1].name)
+    scenario = str(alone or known.get("scenario") or folder.name)
     order = ("planner", "controller", "robot", "settings")
     return {"scenario": scenario, **{name: known[name] for name in order if name in known}}
 
@@ -207,6 +209,9 @@ def find_episodes(path: Path) -> list[Path]:
     WideberthError : nothing there, or a result that keeps no episode.
     """
     if path.is_file():
+        folder = path.absolute().parent.parent
+        if (folder / "config.yaml").is_file():  # of a result
+            inside(folder, path.absolute().relative_to(folder))
         return [path]
     if not path.is_dir():
         beside = [one.name for one in path.absolute().parent.glob("*")]
@@ -223,7 +228,9 @@ def find_episodes(path: Path) -> list[Path]:
 def kept_episodes(folder: Path) -> list[Path]:
     """Return the files of a result that hold episodes, sorted."""
     found = []
-    for path in sorted((folder / "files").rglob("*.npz")):
+    for path in files_inside(folder, "files"):
+        if path.suffix != ".npz":
+            continue
         try:
             read_episode(path)
         except WideberthError:
@@ -234,7 +241,7 @@ def kept_episodes(folder: Path) -> list[Path]:
 
 def result_tail(folder: Path) -> float:
     """Return the tail that a result's own figures are drawn with, else 0.05."""
-    file = folder / "config.yaml"
+    file = inside(folder, "config.yaml")
     stated = read_config(file, stored=True).get("tail") if file.is_file() else None
     return float(stated) if isinstance(stated, int | float) and 0 < stated < 1 else TAIL
 

@@ -3,6 +3,7 @@
 The same content gives the same bytes, and a file that cannot be used gives one error message.
 """
 
+import errno
 import io
 import json
 import os
@@ -133,11 +134,31 @@ def read_arrays(data: bytes, place: str) -> dict[str, "np.ndarray[Any, Any]"]:
     )
 
 
-def write_bytes(path: Path, data: bytes, synced: bool = True) -> Path:
+def flush(path: Path) -> None:
+    """Wait until the disk holds the content of a file, or the names in a folder.
+
+    Nothing is waited for on Windows, and where a file system does not flush folders.
+
+    Raises
+    ------
+    OSError : the path cannot be opened or written.
+    """
+    if os.name == "nt":  # flushes only what is open for writing
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
+def write_bytes(path: Path, data: bytes) -> Path:
     """Write ``data`` so that readers see the old file or the new one, never a part.
 
-    A temporary file in the same folder is flushed to the disk and renamed. Without ``synced``
-    the disk is not waited for: a power cut, and nothing less, may then leave a damaged file.
+    A temporary file in the same folder is flushed to the disk and renamed.
 
     Raises
     ------
@@ -153,9 +174,8 @@ def write_bytes(path: Path, data: bytes, synced: bool = True) -> Path:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-            if synced:
-                file.flush()
-                os.fsync(file.fileno())
+            file.flush()
+            os.fsync(file.fileno())
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException as error:
@@ -177,8 +197,8 @@ def check_target(path: Path, mark: str) -> None:
 
     Raises
     ------
-    WideberthError : the folder does not exist, or the place holds a folder, a symbolic link, or
-        a file without the mark.
+    WideberthError : the folder does not exist or may not be written, or the place holds a folder,
+        a symbolic link, or a file without the mark.
     """
     cure = "give another name with --out"
     try:
@@ -188,6 +208,8 @@ def check_target(path: Path, mark: str) -> None:
             raise WideberthError(f"{path} is a folder; wanted a file: {cure}")
         if not path.absolute().parent.is_dir():
             raise WideberthError(f"{path} cannot be written: its folder does not exist")
+        if not os.access(path.absolute().parent, os.W_OK):
+            raise WideberthError(f"{path} cannot be written: its folder is read-only; {cure}")
         if not path.exists():
             return
         with path.open("rb") as file:

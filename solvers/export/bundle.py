@@ -143,6 +143,7 @@ def _exchange(made: Path, out: Path) -> None:
             os.rename(aside, out)
         raise
     with suppress(OSError):  # something that came since stays, in the folder aside
-        for name in known:
-            (aside / name).unlink(missing_ok=True)
+        for path in aside.iterdir():  # a manifest may name files of other folders
+            if path.name in known:
+                path.unlink()
         aside.rmdir()

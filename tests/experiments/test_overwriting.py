@@ -4,13 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from wideberth.experiments.cli.app import main
 from wideberth.experiments.report.document import TABLES, markdown, report
 from wideberth.experiments.report.page import MARK, page
-from wideberth.experiments.report.player import play
+from wideberth.experiments.report.player import find_episodes, play
 from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.plugins.io import check_target
 from wideberth.framework.values.errors import WideberthError
 from wideberth.predictors.kalman import Kalman
+from wideberth.tests.helpers.saved import SAVED
 
 
 def test_a_saved_predictor_replaces_only_another(tmp_path: Path) -> None:
@@ -41,6 +43,21 @@ def test_a_player_does_not_replace_another_page(tmp_path: Path) -> None:
     (tmp_path / "run.html").write_text("<!DOCTYPE html>mine")
     with pytest.raises(WideberthError, match=r"run\.html is another file"):
         play(tmp_path / "run.npz", tmp_path / "run.html")
+
+
+@pytest.mark.parametrize("through", [True, False])
+def test_a_film_does_not_replace_another_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], through: bool
+) -> None:
+    """Be it behind a link: a result of someone else may hold one with the name of the film."""
+    (tmp_path / "thesis.gif").write_text("mine")
+    (tmp_path / "link.gif").symlink_to("thesis.gif")
+    (episode, *_) = find_episodes(SAVED / "result")
+    out = tmp_path / ("link.gif" if through else "thesis.gif")
+    with pytest.raises(SystemExit) as left:
+        main(["film", str(episode), "--out", str(out)])
+    assert left.value.code == 2 and "not replaced" in " ".join(capsys.readouterr().err.split())
+    assert (tmp_path / "thesis.gif").read_text() == "mine"
 
 
 def test_a_page_carries_the_mark_where_it_is_looked_for(tmp_path: Path) -> None:

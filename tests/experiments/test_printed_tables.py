@@ -13,8 +13,15 @@ from wideberth.experiments.engine.column_descriptions import (
     defined_columns,
     shares,
 )
-from wideberth.experiments.engine.csv_tables import write_table
-from wideberth.experiments.engine.extract import aligned, extract, latex_text, markdown_text
+from wideberth.experiments.engine.csv_tables import read_table, write_table
+from wideberth.experiments.engine.extract import (
+    Extract,
+    aligned,
+    extract,
+    latex_text,
+    markdown_text,
+    of_rows,
+)
 from wideberth.experiments.engine.text_tables import main_columns, print_table
 from wideberth.experiments.report.tables import html_table
 from wideberth.experiments.studies.comparison import Comparison
@@ -72,6 +79,74 @@ def test_the_digits_of_a_column_follow_its_interval(tmp_path: Path) -> None:
     columns = ["success", "time_mean_s", "time_difference_s", "time_difference_low_s"]
     *_, last, _, _ = latex_text(extract(tmp_path, columns)).splitlines()
     assert last == r"97.3 & 12.35 & 1.235 & 1.2 \\"
+
+
+@pytest.mark.parametrize(("share", "factor"), [(True, 100.0), (False, 1.0)])
+def test_an_error_is_half_of_the_median_width_of_the_intervals(share: bool, factor: float) -> None:
+    """Of a row without both ends, or with an end that is unknown, nothing is taken."""
+    name = "success" if share else "time_difference_s"
+    stem, unit = ("success", "") if share else ("time_difference", "_s")
+    widths = [0.02, 0.16, 0.06]
+    rows = [
+        {
+            name: 0.5,
+            f"{stem}_low{unit}": 0.5 - 0.25 * width,
+            f"{stem}_high{unit}": 0.5 + 0.75 * width,
+        }
+        for width in widths
+    ]
+    rows.append({name: 0.5, f"{stem}_low{unit}": 0.0, f"{stem}_high{unit}": float("nan")})
+    rows.append({name: 0.5, f"{stem}_low{unit}": None, f"{stem}_high{unit}": 1.0})
+    chosen = of_rows("comparison", rows, [name, f"{stem}_low{unit}", f"{stem}_high{unit}"])
+    assert list(chosen.errors) == list(rows[0])  # of the ends it is that of the quantity
+    for error in chosen.errors.values():
+        assert error == pytest.approx(factor * 0.5 * np.median(widths), rel=1e-12)
+    for alone in (f"{stem}_high{unit}", f"{stem}_low{unit}"):
+        half = [{key: value for key, value in row.items() if key != alone} for row in rows]
+        assert not of_rows("comparison", half, [name]).errors
+
+
+def test_the_median_of_two_widths_is_their_mean() -> None:
+    rows = [{"clearance": 1.0, "clearance_low": 0.0, "clearance_high": end} for end in (0.2, 0.6)]
+    assert of_rows("comparison", rows, ["clearance"]).errors == {"clearance": pytest.approx(0.2)}
+
+
+HOSTILE = [
+    "a\nb",
+    "a\r\nb",
+    "a\x0cb",
+    "a\u2028b",
+    "a\x0bb\x85c",
+    "a | b",
+    "a & b \\\\ c",
+    "[1]",
+    "*",
+]
+"""Names that end a row, or that LaTeX reads as an option of the row's end before."""
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_name_stays_in_its_row(name: str) -> None:
+    rows: list[dict[str, object]] = [
+        {"planner": "ours", "b": 1.0}, {"planner": name, "b": 2.0}, {name: "c"}
+    ]  # fmt: skip
+    chosen = Extract(rows, measure=name)
+    assert len(latex_text(chosen).splitlines()) == 6 + 1 + len(rows)
+    for line in latex_text(Extract(rows)).splitlines()[2:-1]:
+        assert not line.startswith(("[", "*"))
+        assert not line.endswith(r"\\") or len(re.findall(r"(?<!\\)&", line)) == 2
+    table = markdown_text(chosen).splitlines()
+    assert len(table) == 2 + 2 + len(rows)
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in table[2:]} == {4}
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1+1", "-1+1", "@SUM(1)", "=cmd|' /C calc'!A0", "\t=1"])
+def test_a_csv_file_holds_text_as_it_is(tmp_path: Path, text: str) -> None:
+    """A spreadsheet may take it for a formula, as SECURITY.md says."""
+    rows = [{"name": text, "number": -1.5}]
+    path = write_table(tmp_path / "t.csv", rows)
+    assert read_table(path) == rows
+    assert path.read_text() == f"name,number\n{text},-1.5\n"
 
 
 def test_units_stand_above_a_pivot_too(tmp_path: Path) -> None:

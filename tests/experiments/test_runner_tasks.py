@@ -12,6 +12,7 @@ from wideberth.experiments.engine.tasks import (
     checked_outcome,
     checked_tasks,
     read_task,
+    seal,
     task_keys,
     write_task,
 )
@@ -39,7 +40,9 @@ def test_a_finished_task_reads_back(tmp_path: Path) -> None:
     assert read_task(tmp_path, key) is None
     outcome = TaskOutcome([{"x": 0.1, "nan": float("inf")}], [{"t": 1.0}], {"d/f": b"\x00\xff"})
     write_task(tmp_path, key, task, checked_outcome(task, outcome))
-    assert read_task(tmp_path, key) == FinishedTask(outcome.rows, outcome.times, ["d/f"])
+    assert read_task(tmp_path, key) == FinishedTask(
+        outcome.rows, outcome.times, {"d/f": seal(b"\x00\xff")}
+    )
     assert (tmp_path / key / "files" / "d" / "f").read_bytes() == b"\x00\xff"
     for name in ("../f", "/f", "", "a/../../f", "a\0"):
         with pytest.raises(WideberthError, match=r"leaves the folder"):
@@ -71,7 +74,7 @@ def test_a_damaged_task_is_refused(tmp_path: Path, name: str) -> None:
     path = tmp_path / "k" / name
     whole = path.read_bytes()
     cuts = [whole[:cut] for cut in (0, 1, len(whole) // 2, len(whole) - 2)]
-    for text in (*cuts, whole.replace(b'"version": 1', b'"version": 2')):
+    for text in (*cuts, whole.replace(b'"version": 2', b'"version": 3')):
         path.write_bytes(text)
         with pytest.raises(WideberthError):
             read_task(tmp_path, "k")

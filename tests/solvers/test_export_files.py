@@ -109,6 +109,21 @@ def test_an_older_export_is_replaced_only_by_force(written: Path, tmp_path: Path
     assert [path.name for path in tmp_path.iterdir()] == ["c"]
 
 
+def test_a_manifest_that_names_files_of_other_folders_removes_none(
+    written: Path, tmp_path: Path
+) -> None:
+    """Someone else may have written it."""
+    out = tmp_path / "c"
+    out.mkdir()
+    manifest = json.loads((written / "manifest.json").read_text())
+    for name in ("../thesis.tex", str(tmp_path / "thesis.tex")):
+        (tmp_path / "thesis.tex").write_text("mine")
+        (out / "manifest.json").write_text(json.dumps({**manifest, "files": [name]}))
+        bundles.write_folder(out, {"manifest.json": json.dumps(manifest)}, force=True)
+        assert (tmp_path / "thesis.tex").read_text() == "mine"
+        assert [path.name for path in out.iterdir()] == ["manifest.json"]
+
+
 def test_a_failing_disk_leaves_the_older_export(
     written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
