@@ -80,7 +80,7 @@ class Futures:
             raise WideberthError(
                 "the forecast does not say how its steps belong together: take a predictor with "
                 "a joint covariance, such as kalman, and leave planner.track_dt equal to "
-                "planner.dt, planner.latency and channel.delay 0"
+                "planner.dt, planner.latency, channel.delay and channel.jitter 0"
             )
         for place, (kind, own) in enumerate(
             zip(solved.instance.around.kinds, solved.instance.around.chosen, strict=True)

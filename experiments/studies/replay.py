@@ -145,7 +145,7 @@ class Replay(SeededStudy):
             speed=self.speed,
             radii=(self.robot.radius, self.tracks.radius),
             span=(
-                self.settings.history + self.settings.channel.delay,
+                self.settings.history + self.settings.channel.largest_age,
                 self.settings.time_limit + self.settings.truth_span,
             ),
         )

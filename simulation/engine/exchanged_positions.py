@@ -69,10 +69,10 @@ class ExchangedPositions(World):
     ) -> tuple[Detection, ...]:
         """Return the detections of a driver at a time, s, up to the last instant of the clock.
 
-        Without noise and loss all agents observe the same, which is made only once.
+        Without noise, jitter and loss all agents observe the same, which is made only once.
         """
         channel = self._settings.channel
-        measured = time - channel.delay
+        measured = time - channel.age(around.seed, driver.name, tick)
         if not channel.exact:
             bodies = [body for one, body in _bodies(measured, around) if sees(driver, one)]
             return channel.detections(around.seed, driver.name, tick, bodies)
@@ -85,8 +85,8 @@ class ExchangedPositions(World):
         return tuple(chain.from_iterable(seen for one, seen in self._known if sees(driver, one)))
 
     def _truth(self, driver: Driver, now: float, around: Around) -> Truth:
-        """Past and future of the others on a grid of 0.1 s, from the delay before now on."""
-        past = ceil(10 * self._settings.channel.delay) + 10
+        """Past and future of the others on a grid of 0.1 s, from the largest age before now on."""
+        past = ceil(10 * self._settings.channel.largest_age) + 10
         ahead = ceil(10 * self._settings.truth_span) + 1
         times = now + 0.1 * np.arange(-past, ahead + 1, dtype=np.float64)
         before = times < now

@@ -1,4 +1,4 @@
-"""Detections between agents: noisy, delayed, sometimes lost."""
+"""Detections between agents: noisy, delayed, at jittering instants, sometimes lost."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,23 +26,27 @@ class Channel:
     noise : m, standard deviation of each coordinate.
     dropout : probability that one robot does not get one position.
     delay : s between measurement and arrival.
+    jitter : s; detections are up to this much older than ``delay``. A robot measures all that it
+        detects at a tick at one instant, whose age is drawn uniformly: delay + jitter U(0, 1).
     stated : whether detections carry the covariance of this noise. If not, a planner estimates
         how noisy what it sees is; of recorded people that includes the recording's own noise.
 
     Raises
     ------
-    WideberthError : noise or delay below 0, dropout outside [0, 1).
+    WideberthError : noise, delay or jitter below 0, dropout outside [0, 1).
     """
 
     noise: float = 0.01
     dropout: float = 0.0
     delay: float = 0.0
     stated: bool = True
+    jitter: float = 0.0
 
     def __post_init__(self) -> None:
         positive("channel.noise", self.noise, zero=True)
         positive("channel.dropout", self.dropout, zero=True)
         positive("channel.delay", self.delay, zero=True)
+        positive("channel.jitter", self.jitter, zero=True)
         if self.dropout >= 1.0:
             raise WideberthError(
                 f"channel.dropout is {self.dropout:g}; wanted a probability below 1"
@@ -50,18 +54,34 @@ class Channel:
 
     @property
     def exact(self) -> bool:
-        """Whether detections have neither noise nor loss."""
-        return not (self.noise or self.dropout)
+        """Whether detections have neither noise nor jitter nor loss."""
+        return not (self.noise or self.dropout or self.jitter)
+
+    @property
+    def largest_age(self) -> float:
+        """Upper bound of the age of a detection, s."""
+        return self.delay + self.jitter
+
+    def age(self, seed: int, observer: str, tick: int) -> float:
+        """Age of all that a robot detects at a tick, s.
+
+        The age depends on the seed, the observer's name and the tick, and not on who is there.
+        """
+        if not self.jitter:
+            return self.delay
+        return self.delay + self.jitter * float(noise_of(seed, observer, "", tick).random())
 
     def detections(
         self, seed: int, observer: str, tick: int, bodies: Sequence[tuple[str, Array, float]]
     ) -> tuple[Detection, ...]:
         """Detect bodies (name, position (D,), radius); a NaN position is absent.
 
+        The positions are those at the instant of the measurement, `age` s before the tick.
+
         The noise hangs on the seed, the two names and the tick alone, not on who else is
         there or in which order they are listed. Ticks before time 0 are negative.
         """
-        seen = []
+        seen, age = [], self.age(seed, observer, tick)
         for name, position, radius in bodies:
             if not np.isfinite(position).all():
                 continue
@@ -72,7 +92,7 @@ class Channel:
                     continue
                 noisy = position + self.noise * rng.standard_normal(size)
             covariance = self.noise**2 * np.eye(size) if self.stated else None
-            seen.append(Detection(name, noisy, covariance, radius, self.delay))
+            seen.append(Detection(name, noisy, covariance, radius, age))
         return tuple(seen)
 
 
