@@ -187,6 +187,7 @@ def test_detections_are_what_was_reported_with_the_stated_noise() -> None:
     found = Identities(0.05).named(0.0, places, None, [0.3, 0.5])
     np.testing.assert_array_equal([one.position for one in found], places)
     assert [one.radius for one in found] == [0.3, 0.5]
+    assert [one.radius for one in Identities().named(0.0, places)] == [0.4, 0.4]
     for one in found:
         np.testing.assert_array_equal(one.covariance, 0.05**2 * np.eye(2))
         assert not one.flaw
