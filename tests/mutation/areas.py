@@ -181,7 +181,7 @@ def paths(area: str) -> list[str]:
 
 
 def draw(
-    modules: dict[str, str], seed: int, count: int, areas: Sequence[str]
+    modules: dict[str, str], seed: int, count: int, areas: Sequence[str] = tuple(AREAS)
 ) -> list[tuple[str, Site]]:
     """Draw changes, as many from each of some areas, one area after the other in turn."""
     rng = random.Random(seed)

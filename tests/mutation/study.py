@@ -2,10 +2,10 @@
 
     python -m wideberth.tests.mutation.study --seed 1 --count 160
 
-Draws changes (`sites`) of the modules in `AREAS`, or in those that ``--areas`` names, the same number
-from every area, and runs for each the tests that reach the changed function, until one fails. Which
-tests do is measured first: every test is run once on the code as it is, and what it calls of the
-modules is kept.
+Draws changes (`sites`) of the modules in `AREAS`, the same number from every area or from those
+that ``--areas`` names. For each it runs the tests that reach the changed function, until one
+fails. Which tests do is measured first: every test is run once on the code as it is, and what it
+calls of the modules is kept.
 
 The working tree is never touched. Tests are collected once; a change is made in the memory of a
 process forked from there, which gives the changed function its new code. What stands outside of
