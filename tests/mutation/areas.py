@@ -169,6 +169,7 @@ TESTS = (
     "rerouting",
     "identities",
     "printed_tables",
+    "extracted_tables",
 )
 """Parts of the names of the test files that are tried; others test other modules, play whole
 episodes, draw, or start processes."""
