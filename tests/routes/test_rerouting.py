@@ -39,8 +39,8 @@ def passed(path: Path, point: Sequence[float] | Array) -> float:
     return float(shapely.distance(shapely.LineString(path.points), shapely.Point(point)))
 
 
-def person(place: Sequence[float] | Array, ident: str = "1", radius: float = 0.4) -> Detection:
-    return Detection(ident, np.asarray(place, float), None, radius)
+def person(place: Sequence[float] | Array, ident: str = "1") -> Detection:
+    return Detection(ident, np.asarray(place, float), None, 0.4)
 
 
 def found(routes: Rerouting, time: float, people: Sequence[Detection] = ()) -> Path:
@@ -205,74 +205,3 @@ def test_a_robot_beside_its_route_without_a_waypoint_left_keeps_it() -> None:
     routes = Rerouting(HALL, radius=1.0)
     route = routes.update(0.0, START, [GOAL])
     assert routes.update(1.0, (8.5, 0.8), []) is route
-
-
-@pytest.mark.parametrize("radius", [0.3, 1.1])
-def test_a_person_stands_in_the_way_from_both_radii_on(radius: float) -> None:
-    """In the open, beside the path: the edge is the robot's radius and the person's."""
-    for surplus, blocks in ((0.02, False), (-0.02, True)):
-        routes = Rerouting((), radius=1.0)
-        first = found(routes, 0.0)
-        there = np.array([10.0, 9.0])
-        there[1] += 1.0 + radius + surplus - passed(first, there)
-        assert passed(first, there) == pytest.approx(1.0 + radius + surplus, abs=1e-3)
-        for time in (0.0, 3.0):
-            path = found(routes, time, [person(there, radius=radius)])
-        assert (path is not first) == blocks
-        if blocks:
-            assert passed(path, there) >= 1.0 + 0.35 + radius - 1e-9
-
-
-def test_after_a_clock_that_goes_back_people_stand_anew() -> None:
-    """Who stood at 100 s has stood for no time at 0 s, and for long enough 3 s later."""
-    routes = Rerouting(HALL, radius=1.0)
-    first = found(routes, 100.0, [person(LOW)])
-    for time in (0.0, 1.0, 2.9):
-        assert found(routes, time, [person(LOW)]) is first
-    assert passed(found(routes, 3.0, [person(LOW)]), HIGH) < 0.5
-
-
-def test_after_a_clock_that_goes_back_a_route_is_sought_at_once() -> None:
-    """An attempt of the clock before says nothing of when the next one is due."""
-    routes, both = Rerouting(HALL, radius=1.0), [person(LOW), person(HIGH, "2")]
-    for time in (100.0, 103.0):
-        first = found(routes, time, both)
-    assert found(routes, 0.0, both) is first
-    assert passed(found(routes, 3.0, both[:1]), HIGH) < 0.5
-
-
-def test_an_end_deep_in_a_wall_has_no_way() -> None:
-    """The nearest free place is farther than the radius: the leg is straight."""
-    block = (box((12.0, 2.0), (18.0, 10.0)),)
-    route = Rerouting(block, radius=1.0).update(0.0, START, [(15.0, 6.0), (25.0, 6.0)])
-    assert route.reason == "no way leads to waypoint 0: the path is straight"
-    assert route.path is not None and passed(route.path, (15.0, 6.0)) < 1e-9
-
-
-def test_at_the_end_of_its_path_a_robot_keeps_the_route() -> None:
-    routes = Rerouting(HALL, radius=1.0)
-    route = routes.update(0.0, START, [GOAL])
-    for time in (1.0, 5.0):
-        assert routes.update(time, GOAL, [GOAL], [person(LOW)]) is route
-
-
-def test_the_map_grows_with_the_waypoints() -> None:
-    routes = Rerouting((), radius=1.0)
-    for goal in ((5.0, 3.5), (60.0, 3.5), (-60.0, 40.0)):
-        route = routes.update(0.0, START, [goal])
-        assert route.path is not None and not route.reason
-        np.testing.assert_array_equal(route.path.goal, goal)
-
-
-def test_a_door_narrower_than_the_last_clearance_has_no_way() -> None:
-    """Cells of 0.1 m take at most 0.28 m off a door; from -0.1 m on 0.2 m are given back."""
-    walls = doors(6.0 - 0.99, 6.0 + 0.99)
-    route = Rerouting(walls, radius=1.0).update(0.0, START, [GOAL])
-    assert route.reason == "no way leads to waypoint 0: the path is straight"
-
-
-def test_every_clearance_needs_a_body() -> None:
-    with pytest.raises(WideberthError, match=r"clearances is \(0\.3, -2\.0\)"):
-        Rerouting((), 1.0, (0.3, -2.0))
-    with pytest.raises(WideberthError, match=r"clearances is \(0\.3, inf\)"):
-        Rerouting((), 1.0, (0.3, np.inf))

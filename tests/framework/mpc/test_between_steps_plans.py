@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
+from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.between_steps import (
@@ -204,19 +205,19 @@ def view_of(mean: Array, covariance: Array, own: Array) -> PlanningContext:
 
 
 def test_radii_grow_by_the_longest_relative_way() -> None:
-    """Over all steps and modes: l = v dt + |mu' - mu| + s turn; sqrt(rho^2 + l^2 / 4) - rho."""
+    """l = v dt + |mu' - mu| + s turn over all steps and modes, with the largest level s."""
     rng, robot, kind = (
         np.random.default_rng(3),
         Unicycle(radius=0.35),
         BetweenSteps(MinkowskiSum()),
     )
-    for modes in (1, 3):
+    for modes, policy in ((1, Fixed(0.05)), (3, Fixed(0.05)), (2, Discounted(0.01, 0.5))):
         mean = np.cumsum(rng.uniform(-0.4, 0.4, (2, modes, 4, 2)), axis=2) + 3.0
         shape = rng.uniform(0.1, 0.5, (2, modes, 4, 2))
         covariance = turned(rng, shape.reshape(-1, 2)).reshape(2, modes, 4, 2, 2)
         own = turned(rng, rng.uniform(0.1, 0.4, (4, 2)))
-        view = view_of(mean, covariance, own)
-        level = MinkowskiSum().level(0.05)
+        view = replace(view_of(mean, covariance, own), level=policy)
+        level = policy.levels(MinkowskiSum(), 4, 2, 2).max()
         for o, radius in enumerate((0.3, 0.6)):
             ways = [
                 np.hypot(*(mean[o, m, i + 1] - mean[o, m, i]))
