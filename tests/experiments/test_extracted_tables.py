@@ -76,6 +76,10 @@ def test_a_cell_of_a_pivot_is_the_mean_of_its_lines(tmp_path: Path) -> None:
     assert list(chosen.rows[0]) == ["controller", "0.5 m/s", "1 m/s", "2 m/s"]
     assert chosen.note == "each cell is the mean of up to 3 lines of table.csv"
     assert chosen.measure == "time mean (s)" and not chosen.shares
+    two = extract(
+        result(tmp_path, table=rows[1:]), pivot=["controller", "speed_mps", "time_mean_s"]
+    )
+    assert two.note == "each cell is the mean of up to 2 lines of table.csv"
     single = result(tmp_path, table=rows[-3:])
     assert extract(single, pivot=["controller", "speed_mps", "time_mean_s"]).note == ""
 

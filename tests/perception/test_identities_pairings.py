@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wideberth.perception.identities import Identities, _People
+from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.tests.perception.test_identities import idents
 
 
@@ -62,3 +63,23 @@ def test_reports_are_those_of_the_likeliest_people() -> None:
 
 def test_people_have_a_radius_of_0_4_m_unless_stated() -> None:
     assert [one.radius for one in Identities().named(0.0, [[1.0, 0.0], [3.0, 0.0]])] == [0.4, 0.4]
+
+
+def test_what_is_known_of_a_person_is_that_of_a_kalman_filter() -> None:
+    """Without velocities by the trackers' filter; a reported one is taken as it is."""
+    rng, deviation, time = np.random.default_rng(1), 0.1, 3.0
+    people, place = Identities(deviation), np.array([2.0, 1.0])
+    people.named(time, place[None])
+    state, spread = np.array([*place, 0.0, 0.0]), np.diag([0.01, 0.01, 1.0, 1.0])
+    for _ in range(6):
+        dt = float(rng.uniform(0.05, 0.3))
+        time, place = time + dt, place + dt * np.array([0.7, -0.2]) + 0.05 * rng.normal(size=2)
+        assert idents(people, time, place[None]) == ["1"]
+        state, spread = corrected(*carried(state, spread, dt, 0.5), place, 0.01 * np.eye(2))
+        filtered = people._people
+        np.testing.assert_allclose([*filtered.place[0], *filtered.velocity[0]], state, atol=1e-9)
+        wanted = spread[0, 0], spread[0, 2], spread[2, 2]
+        np.testing.assert_allclose(filtered.spread[0], wanted, rtol=1e-9)
+    people.named(time + 0.1, place[None], [[0.3, 0.4]])
+    np.testing.assert_allclose(people._people.spread, [[0.01, 0.0, 0.0]], atol=1e-15)
+    np.testing.assert_array_equal(people._people.velocity, [[0.3, 0.4]])

@@ -104,7 +104,12 @@ def test_cells_near_walls_are_closed() -> None:
     assert (costmap.cells[away == 0.0] == LETHAL).all()
     ratio = prices.ratio(centres(costmap))
     counted = 1.0 + 0.8 * costmap.cells / 50.0
-    assert (np.abs(counted - ratio - 0.008) <= 0.008 + 1e-9)[away > 1.0].all()
+    priced = np.abs(counted - ratio - 0.008) <= 0.008 + 1e-9
+    assert priced[away > 1.0].all()
+    lethal = shapely.MultiPoint(centres(costmap)[costmap.cells == LETHAL])
+    apart = shapely.distance(lethal, shapely.points(centres(costmap)))
+    falling = costmap.cells == np.floor(252.0 * np.exp(reach - apart))
+    assert (priced | falling)[~closed].all()  # within a cell of what is closed
 
 
 def test_walls_outside_of_the_square_change_nothing() -> None:

@@ -88,3 +88,12 @@ def test_every_clearance_needs_a_body() -> None:
         Rerouting((), 1.0, (0.3, -2.0))
     with pytest.raises(WideberthError, match=r"clearances is \(0\.3, inf\)"):
         Rerouting((), 1.0, (0.3, np.inf))
+
+
+def test_a_robot_that_was_pushed_past_two_waypoints_turns_back_to_none() -> None:
+    routes = Rerouting(HALL, radius=1.0)
+    waypoints = [(4.0, 3.5), (6.0, 3.5), (14.0, 3.5), GOAL]
+    routes.update(0.0, START, waypoints)
+    route = routes.update(1.0, (7.5, 1.5), waypoints)
+    assert route.path is not None and passed(route.path, (6.0, 3.5)) > 1.5
+    assert passed(route.path, (14.0, 3.5)) < 1e-9

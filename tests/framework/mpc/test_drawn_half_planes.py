@@ -20,7 +20,7 @@ from wideberth.framework.mpc.slots.drawn_futures import (
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.risk.scenarios import largest_support, risk_of_support
 from wideberth.framework.robot import Robot
-from wideberth.framework.testing.slot_kind import sample_view
+from wideberth.framework.testing.slot_kind import Sample, sample_view
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs
@@ -206,6 +206,20 @@ def test_slots_hold_the_half_planes_and_empty_ones_a_dummy() -> None:
     np.testing.assert_array_equal(numbers.active, [1, 1, 1, 0, 0])
     assert numbers.level is not None
     np.testing.assert_array_equal(numbers.level, np.ones((STEPS, 5)))
+
+
+def test_a_constraint_is_the_distance_beyond_the_half_plane() -> None:
+    """n . p - least - level room, at random poses of a robot of one disc."""
+    view = still((2.0, 0.0), (0.0, 4.0), deviation=0.4)
+    numbers = KIND.choose(ROUND, view).numbers
+    sample = Sample(KIND, view, ROUND)
+    states = sample.states[: STEPS + 1]
+    numbers = replace(numbers, level=np.full((STEPS, 2), 1.5))
+    free, tied = sample.rows(states, numbers, np.zeros((STEPS, 2, 0)))
+    along = np.einsum("nod,nd->no", numbers.parameters[..., :2], states[1:, :2])
+    expected = along - numbers.parameters[..., 2] - 1.5 * numbers.parameters[..., 3]
+    np.testing.assert_allclose(free[..., 0], expected, atol=1e-9)
+    assert free.shape == (STEPS, 2, 1) and tied.size == 0
 
 
 @pytest.mark.parametrize(("place", "discards"), [((-20.0, 0.0), False), ((5.0, 0.0), True)])
