@@ -5,6 +5,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from wideberth import WideberthError
+from wideberth.framework.plugins import extras
 from wideberth.perception.identities import Identities, _People
 from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.tests.perception.test_identities import idents
@@ -83,3 +85,18 @@ def test_what_is_known_of_a_person_is_that_of_a_kalman_filter() -> None:
     people.named(time + 0.1, place[None], [[0.3, 0.4]])
     np.testing.assert_allclose(people._people.spread, [[0.01, 0.0, 0.0]], atol=1e-15)
     np.testing.assert_array_equal(people._people.velocity, [[0.3, 0.4]])
+
+
+@pytest.mark.parametrize(("absent", "name"), [(0.99, "1"), (1.01, "2")])
+def test_people_are_remembered_for_a_second(absent: float, name: str) -> None:
+    people = Identities()
+    assert idents(people, 2.0, [[1.0, 0.0]], [[0.0, 0.0]]) == ["1"]
+    assert idents(people, 2.0 + absent, [[1.0, 0.0]], [[0.0, 0.0]]) == [name]
+
+
+def test_the_extra_is_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        extras, "find_spec", lambda library: None if library == "scipy" else library
+    )
+    with pytest.raises(WideberthError, match="identities needs SciPy"):
+        Identities()

@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 import shapely
 
+from wideberth import WideberthError
 from wideberth.controllers.pure_pursuit import PurePursuit
 from wideberth.framework.control.command_limits import top_speed
+from wideberth.framework.plugins import extras
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.costmap import INSCRIBED, LETHAL, Costmap
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.walls import box
-from wideberth.routes.around_crowds import AroundCrowds, WatchedCrowd, _Prices
+from wideberth.routes.around_crowds import AroundCrowds, WatchedCrowd, _inside, _Prices
+from wideberth.routes.navfn import NavFn
+from wideberth.routes.smoothed import SmoothedRoutes
 from wideberth.tests.routes.test_around_crowds import (
     EAST,
     ROBOT,
@@ -122,6 +126,7 @@ def test_walls_outside_of_the_square_change_nothing() -> None:
 
 def test_a_metre_costs_the_encounters_to_expect() -> None:
     """1 + price 2 (r + q) hypot(v, w) rho, over 1 / v, with the radius of those who are seen."""
+    assert leader()._dearer(0.3) == pytest.approx(9.0 * 2.0 * 0.6)
     one = AroundCrowds(Recorder(), price=4.0)
     assert one._dearer(0.2) == pytest.approx(4.0 * 2.0 * (0.3 + 0.2))
     found, place = looked(crowd(6)), np.array([0.5, -0.5])
@@ -273,6 +278,28 @@ def test_no_way_is_sought_within_two_radii_of_the_goal(left: float, expected: bo
     assert searches(leader(), seen(places, at=(8.0 - left, 0.0))) == expected
 
 
+def test_a_way_is_navfns_on_that_map_averaged_over_half_a_metre() -> None:
+    one, places = leader(), crowd(12)
+    one.command(seen(places))
+    prices = prices_of(places, 9.0 * 2.0 * 0.6, 1.0)
+    costmap = leader()._map(seen(places), EAST.points, prices)
+    route = SmoothedRoutes(NavFn(tolerance=0.0), 0.5).plan(costmap, *EAST.points)
+    assert route.path is not None
+    np.testing.assert_allclose(followed(one)[-1].points, route.path.points, atol=1e-9)
+    saved = prices.of(EAST.points) - prices.of(route.path.points)
+    assert one._memory.note == f"a way around 12 people saves {saved:.1f} s"
+
+
+def test_slivers_of_walls_are_no_part_of_the_map() -> None:
+    """Less than a square centimetre."""
+    square = np.array([[0.0, 0.0], [10.0, 10.0]])
+    thin, thick = box((2.0, 2.0), (2.009, 2.01)), box((4.0, 4.0), (4.015, 4.01))
+    across = box((8.0, -50.0), (8.5, 50.0))
+    parts = _inside(square, [thin, thick, across])
+    corners = [np.sort(part.points, axis=0)[[0, -1]].tolist() for part in parts]
+    assert corners == [[[4.0, 4.0], [4.015, 4.01]], [[8.0, 0.0], [8.5, 10.0]]]
+
+
 def test_what_is_remembered_and_the_period_are_the_controllers() -> None:
     notes: list[Observation] = []
 
@@ -286,3 +313,11 @@ def test_what_is_remembered_and_the_period_are_the_controllers() -> None:
     observation = seen(crowd(3))
     one.remember(observation)
     assert notes == [observation]
+
+
+def test_the_extra_is_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        extras, "find_spec", lambda library: None if library == "shapely" else library
+    )
+    with pytest.raises(WideberthError, match="around_crowds needs shapely"):
+        AroundCrowds(Recorder())

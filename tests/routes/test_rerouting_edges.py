@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import shapely
 
 from wideberth import Detection, WideberthError
+from wideberth.framework.plugins import extras
+from wideberth.framework.values.costmap import INSCRIBED, LETHAL
 from wideberth.framework.values.walls import box
 from wideberth.routes.rerouting import Rerouting
 from wideberth.tests.routes.test_rerouting import (
@@ -97,3 +100,50 @@ def test_a_robot_that_was_pushed_past_two_waypoints_turns_back_to_none() -> None
     route = routes.update(1.0, (7.5, 1.5), waypoints)
     assert route.path is not None and passed(route.path, (6.0, 3.5)) > 1.5
     assert passed(route.path, (14.0, 3.5)) < 1e-9
+
+
+@pytest.mark.parametrize(("step", "stands"), [(0.29, True), (0.31, False)])
+def test_a_person_stands_within_0_3_m(step: float, stands: bool) -> None:
+    routes = Rerouting(HALL, radius=1.0)
+    first = found(routes, 0.0, [person(LOW)])
+    later = found(routes, 3.0, [person(LOW + step * np.array([0.6, 0.8]))])
+    assert (later is not first) == stands
+
+
+def test_the_map_reaches_a_metre_beyond_the_clearance_and_walls_cost_there() -> None:
+    """Of cells of 0.1 m: closed up to the clearance and a diagonal, then 252 exp(-3 (d - it))."""
+    routes = Rerouting(HALL, radius=1.0)
+    found(routes, 0.0)
+    bare = routes._bare
+    assert bare is not None and bare.resolution == 0.1
+    corners = np.concatenate([wall.points for wall in HALL])
+    np.testing.assert_allclose(bare.origin, corners.min(axis=0) - (1.0 + 0.35 + 1.0), atol=1e-9)
+    costmap = routes._inflated(0.15, [])
+    rows, columns = np.mgrid[: bare.height, : bare.width]
+    lethal = np.argwhere(bare.cells == LETHAL)
+    places = shapely.points(np.stack([columns, rows], axis=-1))
+    away = 0.1 * shapely.distance(shapely.MultiPoint(lethal[:, ::-1]), places)
+    reach = 1.0 + 0.15 + np.sqrt(2.0) * 0.1
+    falling = np.floor(252.0 * np.exp(-3.0 * (away - reach)))
+    ring = (away > reach + 1e-6) & (away < reach + 1.0 - 1e-6)
+    np.testing.assert_allclose(costmap.cells[ring].astype(float), falling[ring], atol=1.0)
+    assert (costmap.cells[away < reach - 1e-6] >= INSCRIBED).all()
+    assert (costmap.cells[away > reach + 1.0 + 0.15] == 0).all()
+
+
+def test_cells_are_larger_where_walls_reach_far() -> None:
+    """2000 of them along the longer side."""
+    far = (*HALL, box((0.0, 900.0), (1.0, 901.0)))
+    routes = Rerouting(far, radius=1.0)
+    found(routes, 0.0)
+    assert routes._bare is not None
+    lowest = min(float(wall.points[:, 1].min()) for wall in HALL)
+    assert routes._bare.resolution == pytest.approx((901.0 - lowest) / 2000.0)
+
+
+def test_the_extra_is_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        extras, "find_spec", lambda library: None if library == "shapely" else library
+    )
+    with pytest.raises(WideberthError, match="rerouting needs shapely"):
+        Rerouting((), radius=1.0)
