@@ -63,11 +63,18 @@ def test_all_modules_can_be_changed() -> None:
     modules = {
         path: (areas.ROOT / path).read_text() for a in areas.AREAS for path in areas.paths(a)
     }
-    drawn = areas.draw(modules, 7, 24)
-    assert drawn == areas.draw(modules, 7, 24) and drawn != areas.draw(modules, 8, 24)
+    drawn = areas.draw(modules, 7, 36)
+    assert drawn == areas.draw(modules, 7, 36) and drawn != areas.draw(modules, 8, 36)
     assert [area for area, _ in drawn] == [*areas.AREAS] * 3
     for _, one in drawn:
         compile(changed(modules[one.path], one.number), one.path, "exec")
+
+
+def test_changes_are_drawn_from_the_areas_that_are_named() -> None:
+    named = ["routes", "identities"]
+    modules = {path: (areas.ROOT / path).read_text() for a in named for path in areas.paths(a)}
+    drawn = areas.draw(modules, 7, 5, named)
+    assert [area for area, _ in drawn] == ["routes", "identities"] * 2 + ["routes"]
 
 
 def test_a_function_gets_its_new_code_wherever_it_is_known() -> None:

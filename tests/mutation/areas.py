@@ -2,7 +2,7 @@
 
 import ast
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,10 @@ AREAS: dict[str, list[str]] = {
         "metrics/scoring.py", "metrics/statistics.py",
         "framework/numerics/eigenframe.py", "framework/risk/collision_probability.py",
     ],
+    "slots": [f"{MPC}/slots/{name}.py" for name in ("drawn_futures", "between_steps")],
+    "routes": ["routes/around_crowds.py", "routes/rerouting.py"],
+    "identities": ["perception/identities.py"],
+    "tables": ["experiments/engine/extract.py"],
 }  # fmt: skip
 TESTS = (
     "alignment",
@@ -159,6 +163,13 @@ TESTS = (
     "values",
     "rate_limited_warnings",
     "summary",
+    "drawn_",
+    "between_steps",
+    "around_crowds",
+    "rerouting",
+    "identities",
+    "printed_tables",
+    "extracted_tables",
 )
 """Parts of the names of the test files that are tried; others test other modules, play whole
 episodes, draw, or start processes."""
@@ -170,13 +181,15 @@ def paths(area: str) -> list[str]:
     return [one for one in found if not one.endswith("__init__.py")]
 
 
-def draw(modules: dict[str, str], seed: int, count: int) -> list[tuple[str, Site]]:
-    """Draw changes, as many from every area, one area after the other in turn."""
+def draw(
+    modules: dict[str, str], seed: int, count: int, areas: Sequence[str] = tuple(AREAS)
+) -> list[tuple[str, Site]]:
+    """Draw changes, as many from each of some areas, one area after the other in turn."""
     rng = random.Random(seed)
     columns = []
-    for number, area in enumerate(AREAS):
+    for number, area in enumerate(areas):
         every = [site for path in paths(area) for site in sites(path, modules[path])]
-        share = count // len(AREAS) + (number < count % len(AREAS))
+        share = count // len(areas) + (number < count % len(areas))
         columns.append([(area, one) for one in rng.sample(every, min(share, len(every)))])
     return [one for row in zip_longest(*columns) for one in row if one is not None]
 

@@ -2,9 +2,10 @@
 
     python -m wideberth.tests.mutation.study --seed 1 --count 160
 
-Draws changes (`sites`) of the modules in `AREAS`, the same number from every area, and runs for
-each the tests that reach the changed function, until one fails. Which tests do is measured first:
-every test is run once on the code as it is, and what it calls of the modules is kept.
+Draws changes (`sites`) of the modules in `AREAS`, the same number from every area or from those
+that ``--areas`` names. For each it runs the tests that reach the changed function, until one
+fails. Which tests do is measured first: every test is run once on the code as it is, and what it
+calls of the modules is kept.
 
 The working tree is never touched. Tests are collected once; a change is made in the memory of a
 process forked from there, which gives the changed function its new code. What stands outside of
@@ -76,9 +77,10 @@ class _Study:
         for item in session.items:
             self._items.setdefault(item.nodeid.split("::")[0], []).append(item)
         gc.freeze()
-        modules = {path: (ROOT / path).read_text() for area in AREAS for path in paths(area)}
+        areas = self._asked.areas
+        modules = {path: (ROOT / path).read_text() for area in areas for path in paths(area)}
         reached = self._measured(modules)
-        drawn = draw(modules, self._asked.seed, self._asked.count)
+        drawn = draw(modules, self._asked.seed, self._asked.count, areas)
         results = self._results(modules, drawn, reached)
         print(table(drawn, results))
         return True
@@ -111,10 +113,10 @@ class _Study:
         return results
 
     def _measured(self, modules: dict[str, str]) -> dict[str, Found]:
-        """CPU seconds and functions of every test; files that are new or changed are run."""
+        """CPU seconds and functions of every test; files are run if they or the areas are new."""
         file = self._out / "reached.json"
         known: dict[str, Found] = json.loads(file.read_text()) if file.exists() else {}
-        digests = {name: _digest((ROOT / name).read_text()) for name in self._items}
+        digests = {name: _digest((ROOT / name).read_text(), *modules) for name in self._items}
 
         def finished(name: str, code: int, seconds: float, words: str) -> None:
             found = json.loads(words) if words.startswith("{") else {}
@@ -246,6 +248,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seed", type=int, default=1, help="of the draw")
     parser.add_argument("--count", type=int, default=160, help="changes, over all areas")
+    parser.add_argument("--areas", nargs="+", choices=AREAS, default=[*AREAS], help="default: all")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", default="results/mutants", help="folder for what is measured")
     return parser.parse_args()
