@@ -6,8 +6,8 @@ from typing import final
 
 import numpy as np
 
-from ..framework.values.arrays import FARTHEST, Array
 from ..framework.tracking.identities import Identities
+from ..framework.values.arrays import FARTHEST, Array
 
 UNNAMED = "unnamed "
 """Begins the names that are given here; a sender's own that begin so are not taken over."""

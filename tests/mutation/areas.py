@@ -68,7 +68,7 @@ AREAS: dict[str, list[str]] = {
     ],
     "slots": [f"{MPC}/slots/{name}.py" for name in ("drawn_futures", "between_steps")],
     "routes": ["routes/around_crowds.py", "routes/rerouting.py"],
-    "identities": ["perception/identities.py"],
+    "identities": ["framework/tracking/identities.py"],
     "tables": ["experiments/engine/extract.py"],
 }  # fmt: skip
 TESTS = (

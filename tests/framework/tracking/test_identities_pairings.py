@@ -7,7 +7,7 @@ import pytest
 
 from wideberth import WideberthError
 from wideberth.framework.plugins import extras
-from wideberth.perception.identities import Identities, _People
+from wideberth.framework.tracking.identities import Identities, _People
 from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.tests.perception.test_identities import idents
 
