@@ -17,16 +17,17 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
 
     Neighbours belong together if at most `MISSING` beams lie between them and
 
-    |p_i - p_j| < gap + growth r,   r the nearer range
+    |p_i - p_j| < (1 + l) (gap + growth r),   r the nearer range, l the lost beams between
 
     The last and the first point of a full turn are neighbours too.
 
     Parameters
     ----------
     gap : m.
-    growth : per m of range; by default twice the angle between two beams, times one more than
-        the beams that were lost between: on a slanting outline points are then farther apart.
-        Beams that met nothing do not count, since they passed through.
+    growth : per m of range; by default twice the angle between two beams.
+
+    Beams that met nothing do not count as lost, since they passed through. A lost beam leaves an
+    outline whole: the distance between its neighbours is that of two pairs of points.
 
     Returns
     -------
@@ -41,11 +42,12 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
     if not count:
         return []
     after = np.roll(np.arange(count), -1)
-    share = 2.0 * hits.spacing * (1.0 + hits.lost[after]) if growth is None else growth
+    share = 2.0 * hits.spacing if growth is None else growth
     apart = np.linalg.norm(hits.points[after] - hits.points, axis=1)
     nearer = np.minimum(hits.ranges[after], hits.ranges)
     between = np.mod(hits.beams[after] - hits.beams, max(hits.total, 1)) - 1
-    joined = (apart < gap + share * nearer) & (between <= MISSING)
+    reach = (1.0 + hits.lost[after]) * (gap + share * nearer)
+    joined = (apart < reach) & (between <= MISSING)
     joined[-1] &= hits.closed and count > 1
     if joined.all():
         return [np.arange(count)]

@@ -289,6 +289,19 @@ def test_lost_beams_on_a_slanting_side_split_no_box() -> None:
     assert len(by_gap(hits_of(replace(scan, ranges=ranges), STANDING)[0], 0.1)) == 2
 
 
+def test_a_lost_beam_splits_no_wall_wherever_it_is() -> None:
+    """A wall along the robot's way: far ahead its points are farther and farther apart."""
+    wall = box_corners(np.array([4.0, 2.2]), np.array([12.0, 0.4]), 0.0)
+    scan = scan_of(STANDING, np.random.default_rng(25), [], [wall], deviation=0.001)
+    hits, _ = hits_of(scan, STANDING)
+    whole = max(by_gap(hits, 0.1), key=len)
+    assert len(whole) > 50
+    for lost in hits.ranges[whole[1:-1]]:
+        ranges = np.where(scan.ranges == lost, np.nan, scan.ranges)
+        found = by_gap(hits_of(replace(scan, ranges=ranges), STANDING)[0], 0.1)
+        assert max(map(len, found)) == len(whole) - 1
+
+
 def test_lost_beams_are_counted_over_the_seam() -> None:
     ranges = np.full(360, 5.0)
     ranges[[0, 1, 359, 100]] = np.nan
