@@ -61,7 +61,7 @@ class _Log(NamedTuple):
     @classmethod
     def begun(cls, size: int) -> "_Log":
         """Return one without measurements."""
-        return cls(_NO_TIMES, np.empty((0, size)), 0.0, 0.0, None, "", 0, looked=False)
+        return cls(_NO_TIMES, np.empty((0, size)), -np.inf, 0.0, None, "", 0, looked=False)
 
     def reported_again(self, stamp: float, detection: Detection, clock: "_Clock | None") -> "_Log":
         """Return the log with a measurement more, and what a detection says beside it.
@@ -83,7 +83,8 @@ class _Log(NamedTuple):
         if moving and times[-1] == stamp - detection.age:  # not of an older one that came late
             motion = None if velocity is None or joint is None else (velocity, joint)
         said = detection.radius, detection.covariance, detection.sensor
-        return _Log(times, places, stamp, *said, fresh, self.looked, motion)
+        last = max(stamp, self.reported)  # of messages in any order
+        return _Log(times, places, last, *said, fresh, self.looked, motion)
 
     def carried(self, lag: float) -> "_Carried | None":
         """Return where it is ``lag`` s after the newest measurement; None without a motion.
@@ -119,17 +120,18 @@ class _Clock(NamedTuple):
     end: int
 
     @classmethod
-    def advanced(cls, times: Array, time: float, keep: float, apart: float) -> "_Clock | None":
+    def advanced(cls, times: Array, time: float, keep: float, dt: float) -> "_Clock | None":
         """Add a time, and leave out those over ``keep`` s before it.
 
-        A time that is there already is replaced. One that comes less than ``apart`` s after the
-        last but one takes the last one's place. One that came late is inserted, unless it is too
-        old or less than ``apart`` s from another one: of that there is None.
+        It takes the last one's place where it is the same to `ON_GRID` steps of ``dt``, or less
+        than dt / `DENSEST` after the last but one. One that came late is inserted, unless it is
+        too old or less than that from another one: of that there is None.
         """
         count = first = len(times)
         if count and time < times[-1]:
-            return cls._late(times, time, keep, apart)
-        replaced = count and (time == times[-1] or (count > 1 and time - times[-2] < apart))
+            return cls._late(times, time, keep, dt)
+        same = count and time - times[-1] <= ON_GRID * dt
+        replaced = same or (count > 1 and time - times[-2] < dt / DENSEST)
         kept = count - int(replaced)
         oldest = time - keep
         if count:  # most who came in lately have no time to leave out
@@ -139,13 +141,13 @@ class _Clock(NamedTuple):
         return cls(later, first, kept, count)
 
     @classmethod
-    def _late(cls, times: Array, time: float, keep: float, apart: float) -> "_Clock | None":
+    def _late(cls, times: Array, time: float, keep: float, dt: float) -> "_Clock | None":
         """Add a time before the last one."""
         place = int(times.searchsorted(time))
-        if times[place] == time:
+        if times[place] - time <= ON_GRID * dt:
             return cls(times.copy(), 0, place, place + 1)
         gap = min(times[place] - time, time - times[place - 1] if place else np.inf)
-        if gap < apart or time < times[-1] - keep:
+        if gap < dt / DENSEST or time < times[-1] - keep:
             return None
         return cls(np.insert(times, place, time), 0, place, place)
 
@@ -243,7 +245,7 @@ class History:
             time, times = stamp - detection.age, log.times
             same = id(times), time
             if same not in clocks:
-                clocks[same] = _Clock.advanced(times, time, keep, self.dt / DENSEST)
+                clocks[same] = _Clock.advanced(times, time, keep, self.dt)
             logs[ident] = log.reported_again(stamp, detection, clocks[same])
         gone = [name for name, log in logs.items() if stamp - log.reported > self.forget]
         if len(logs) - len(gone) > MOST:

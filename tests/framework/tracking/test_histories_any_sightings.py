@@ -278,7 +278,7 @@ def test_the_newest_of_equal_stamps_counts(
     history: History, pause: float, repeats: int, common: bool
 ) -> None:
     """The last report of a person counts, however close in time it follows another one."""
-    away = Detection("a", (9.0, 3.0), NOISE, 0.3)
+    away = Detection("a", (1.5, 0.4), NOISE, 0.3)
     history = history.add(1.0, (away,)).add(1.0 + pause, (away,))
     for repeat in range(repeats):
         near = Detection("a", (0.9, float(repeat)), NOISE, 0.3)

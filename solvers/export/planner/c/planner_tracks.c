@@ -317,13 +317,13 @@ static void measured(struct log *log, double time, const double *place)
     if (count && time < log->times[count - 1]) { /* it came late */
         at = 0;
         while (log->times[at] < time) at++;
-        end = at + (log->times[at] == time);
+        end = at + (log->times[at] - time <= ON_GRID * PLAN_TRACK_DT);
         if (end == at && (log->times[at] - time < densest
             || (at && time - log->times[at - 1] < densest)
             || time < log->times[count - 1] - PLAN_KEEP))
             return;
     } else {
-        if (count && (time == log->times[count - 1]
+        if (count && (time - log->times[count - 1] <= ON_GRID * PLAN_TRACK_DT
             || (count > 1 && time - log->times[count - 2] < densest)))
             at--;
         while (first < at && log->times[first] < time - PLAN_KEEP) first++;
