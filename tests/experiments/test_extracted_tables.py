@@ -113,6 +113,14 @@ def test_a_table_is_written_for_markdown_html_and_latex() -> None:
     ]  # fmt: skip
 
 
+def test_lines_without_an_interval_leave_that_of_the_others() -> None:
+    ends = [(0.5, 0.7), (None, 0.9), (0.1, None), (0.2, nan), (0.3, 0.7)]
+    rows: list[Row] = [{"x_s": 1.0, "x_low_s": low, "x_high_s": high} for low, high in ends]
+    errors = of_rows("comparison", rows, ["x_s", "x_low_s", "x_high_s"]).errors
+    assert errors == pytest.approx(dict.fromkeys(["x_s", "x_low_s", "x_high_s"], 0.15))
+    assert of_rows("comparison", [{"x_s": 1.0, "x_low_s": 0.5}], ["x_s"]).errors == {}
+
+
 def test_above_a_pivot_stands_its_measure() -> None:
     rows: list[Row] = [{"controller": "a", "x": 1.0, "y": 2.0, "z": 3.0}]
     lines = latex_text(Extract(rows, "time (s)")).splitlines()
