@@ -113,6 +113,14 @@ def test_a_table_is_written_for_markdown_html_and_latex() -> None:
     ]  # fmt: skip
 
 
+def test_lines_without_an_interval_leave_that_of_the_others() -> None:
+    ends = [(0.5, 0.7), (None, 0.9), (0.1, None), (0.2, nan), (0.3, 0.7)]
+    rows: list[Row] = [{"x_s": 1.0, "x_low_s": low, "x_high_s": high} for low, high in ends]
+    errors = of_rows("comparison", rows, ["x_s", "x_low_s", "x_high_s"]).errors
+    assert errors == pytest.approx(dict.fromkeys(["x_s", "x_low_s", "x_high_s"], 0.15))
+    assert of_rows("comparison", [{"x_s": 1.0, "x_low_s": 0.5}], ["x_s"]).errors == {}
+
+
 def test_above_a_pivot_stands_its_measure() -> None:
     rows: list[Row] = [{"controller": "a", "x": 1.0, "y": 2.0, "z": 3.0}]
     lines = latex_text(Extract(rows, "time (s)")).splitlines()
@@ -141,6 +149,7 @@ def test_answers_are_those_of_the_study(tmp_path: Path) -> None:
         ([1234.0, 0.0049], ["1234.00", "<0.01"]),
         ([1234.0, 0.0051], ["1234.00", "0.01"]),
         ([-1234.0, -0.00123], ["-1234.00", "-0.00"]),
+        ([1234.0, 1.26], ["1234.0", "1.3"]),
         ([99.99, 10.0], ["99.99", "10.00"]),
         ([1.0, 2.0], ["1", "2"]),
         ([0.25, 0.5], ["0.25", "0.50"]),

@@ -290,6 +290,16 @@ def test_a_way_is_navfns_on_that_map_averaged_over_half_a_metre() -> None:
     assert one._memory.note == f"a way around 12 people saves {saved:.1f} s"
 
 
+def test_a_note_gives_the_reason_why_there_is_no_way() -> None:
+    walls, places = wall_with((-0.35, 0.35), reach=1e3), crowd(12)
+    one = leader()
+    one.command(seen(places, walls=walls))
+    costmap = leader()._map(seen(places, walls=walls), EAST.points, prices_of(places, 10.8, 1.0))
+    route = SmoothedRoutes(NavFn(tolerance=0.0), 0.5).plan(costmap, *EAST.points)
+    assert route.path is None and route.reason
+    assert one._memory.note == f"no way around the crowd: {route.reason}"
+
+
 def test_slivers_of_walls_are_no_part_of_the_map() -> None:
     """Less than a square centimetre."""
     square = np.array([[0.0, 0.0], [10.0, 10.0]])

@@ -107,7 +107,7 @@ def test_nothing_is_known_of_some_plans() -> None:
         {"situation": None}, {"forecast": None}, {"situation": long}, {"positions": space},
         {"situation": replace(known, region=Park())}, {"situation": replace(known, region=None)},
     ):  # fmt: skip
-        assert plan_between(replace(plan, **changes)) is None  # type: ignore[arg-type]
+        assert plan_between(replace(plan, **changes)) is None
 
 
 def test_the_bend_of_a_way_is_an_eighth_of_its_second_differences() -> None:
@@ -152,8 +152,8 @@ def test_the_first_look_is_towards_the_nearest_place_of_the_robot() -> None:
 
 def aside(first: Array, last: Array) -> float:
     """The bound of the module, of one pair of covariances."""
-    (b_0, a_0), (b_1, a_1) = (np.sqrt(np.linalg.eigvalsh(one)) for one in (first, last))
-    c, d = np.linalg.eigvalsh(last - first)
+    (b_0, *_, a_0), (b_1, *_, a_1) = (np.sqrt(np.linalg.eigvalsh(one)) for one in (first, last))
+    c, *_, d = np.linalg.eigvalsh(last - first)
     apart = a_0 - b_0 + a_1 - b_1
     if not b_0 * b_1 > 0.0:
         return float(apart)
@@ -168,7 +168,9 @@ def test_points_turn_aside_by_the_lesser_of_two_bounds() -> None:
     slow = series[0] * (1.0 + 0.05 * np.arange(20.0))[:, None, None]
     slow += 0.002 * turned(rng, 10.0 ** rng.uniform(-1.0, 0.0, (20, 2)))
     sharp = np.stack([np.diag([0.0, 1.0]), np.diag([0.0, 4.0]), np.diag([1.0, 4.0])])
-    for covariance in (series, slow, sharp):
+    factor = rng.standard_normal((20, 3, 3))
+    space = np.eye(3) + 0.02 * factor @ factor.swapaxes(1, 2)
+    for covariance in (series, slow, sharp, space):
         expected = [aside(*pair) for pair in pairwise(covariance)]
         np.testing.assert_allclose(turned_aside(covariance), expected, atol=1e-12)
         two = np.stack([covariance, covariance[::-1]])

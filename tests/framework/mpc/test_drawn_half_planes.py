@@ -256,10 +256,10 @@ def discarded_one_by_one(over: Array, depth: Array) -> tuple[Array, int, int]:
 
 def test_the_dearest_scenarios_are_discarded_while_the_risk_allows_it() -> None:
     rng, turns = np.random.default_rng(3), 0
-    for _ in range(12):
+    for scale in (1.0, 0.02) * 6:  # m; the same rule for prices of any size
         over = rng.standard_normal((400, 4, 3)) @ np.triu(rng.standard_normal((3, 3)))
-        over -= rng.uniform(0.0, 3.0, (4, 3))
-        depth = rng.uniform(-2.0, 1.0, (4, 3))
+        over = scale * (over - rng.uniform(0.0, 3.0, (4, 3)))
+        depth = scale * rng.uniform(-2.0, 1.0, (4, 3))
         height, support = KIND.discard(over, depth)
         expected, holding, discarded = discarded_one_by_one(over, depth)
         np.testing.assert_array_equal(height, expected)
@@ -318,7 +318,9 @@ def clear_way(people: ObstacleSet, view: PlanningContext, enough: float) -> Arra
     def left(way: Array) -> float:
         lines = [shapely.LineString(line) for line in (way[:, None] - people.mean).swapaxes(0, 1)]
         away = [float(shapely.distance(line, shapely.Point(0.0, 0.0))) for line in lines]
-        return min(d - (0.4 + MARGIN + r) for d, r in zip(away, people.radius, strict=True))
+        return min(
+            d - (0.4 + MARGIN + r) for d, r in zip(away, people.radius.tolist(), strict=True)
+        )
 
     here, best = view.route[1], view.planned
     if left(best) >= 0.0:
