@@ -58,7 +58,7 @@ class Neighbours:
         """Drop all neighbours."""
         self._stamp = -np.inf
         self._sights: dict[str, _Sight] = {}
-        self._names = Names(self._fastest, self._forget)
+        self._names = Names(self._fastest)
         self.placeless: tuple[str, ...] = ()
 
     def take(self, observation: Observation, here: Array | None = None) -> list[str]:

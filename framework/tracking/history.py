@@ -237,7 +237,7 @@ class History:
         """
         logs, keep = dict(self.logs), self.samples * self.dt + self.gap
         clocks: dict[tuple[int, float], _Clock | None] = {}
-        names = self.names or Names(self.fastest, self.forget)
+        names = self.names or Names(self.fastest)
         recent = [detection for detection in detections if detection.age <= self.forget]
         names, named, notes = names.assigned(stamp, recent, logs)
         for ident, detection in named:

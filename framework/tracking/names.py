@@ -26,7 +26,7 @@ Named: TypeAlias = list[tuple[str, Detection]]
 
 
 class KnownObstacle(Protocol):
-    """What a controller remembers of an obstacle: its newest measurement and its last report."""
+    """The newest measurement of an obstacle that a controller remembers."""
 
     @property
     def measured(self) -> float:
@@ -35,10 +35,6 @@ class KnownObstacle(Protocol):
     @property
     def position(self) -> Array:
         """Newest measured position, (D,), m."""
-
-    @property
-    def reported(self) -> float:
-        """Time of the last report, s."""
 
 
 @final
@@ -60,11 +56,9 @@ class Names:
     Parameters
     ----------
     fastest : m/s, speed that no obstacle exceeds.
-    forget : s after which an obstacle that is no longer reported is forgotten.
     """
 
     fastest: float = FASTEST
-    forget: float = 3.0
     _unnamed: Identities = field(default_factory=lambda: Identities(DEVIATION), repr=False)
     _shared: frozenset[str] = field(default=frozenset(), repr=False)
     _reused: frozenset[str] = field(default=frozenset(), repr=False)
@@ -115,7 +109,7 @@ class Names:
                 f"obstacle of at most {self.fastest:g} m/s moves: it is a new one, {chosen[k]!r}"
             )
         reused = _with(self._reused, [detections[k].ident for k in jumped])
-        names = Names(self.fastest, self.forget, identities, shared, reused)
+        names = Names(self.fastest, identities, shared, reused)
         return names, list(zip(chosen, detections, strict=True)), tuple(notes)
 
     def _owner(
@@ -126,11 +120,7 @@ class Names:
         family = [ident] if ident in known else []
         if ident in self._reused:
             family += [name for name in known if name.startswith(f"{ident}#")]
-        owners = [
-            self._candidate(stamp, detection, name, known[name])
-            for name in family
-            if stamp - known[name].reported <= self.forget
-        ]
+        owners = [self._candidate(stamp, detection, name, known[name]) for name in family]
         return min(owners, key=lambda owner: owner.share, default=None)
 
     def _candidate(

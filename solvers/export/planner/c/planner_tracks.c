@@ -223,7 +223,6 @@ static struct owner owner_of(const struct history *history, const wideberth_dete
         const int further = log->stem == length && strncmp(log->name, one->name, length) == 0;
         double lag, reach, share;
         if (!further && strcmp(log->name, one->name) != 0) continue;
-        if (history->stamp - log->reported > PLAN_FORGET) continue;
         lag = fabs(history->stamp - one->age - log->times[log->count - 1]);
         reach = LEAP + PLAN_OBSTACLE_SPEED * lag;
         share = apart(one->position, newest(log)) / reach;
