@@ -142,13 +142,10 @@ class PlannerNode:
         self._clock, self._wall = clock, wall
         self._known, self._link = link.known, link
         self._own = OwnMotion(settings.base_frame)
-        self._course: FramedPath | None = None
-        """The path that is followed."""
-        self._next_course: FramedPath | None = None
-        """The path that takes its place as soon as it can be laid."""
+        self._course: FramedPath | None = None  # that is followed
+        self._next_course: FramedPath | None = None  # takes its place once it can be laid
         self._fresh_path = False
-        self._ends = True
-        """Whether a path ends by itself where the robot reaches its end."""
+        self._ends = True  # whether a path ends by itself where the robot reaches its end
         self._wanted: VelocityInTime | None = None
         self._last: Array | None = None
         self._command: Array | None = None
@@ -164,8 +161,7 @@ class PlannerNode:
         self.odometry_came: threading.Event = threading.Event()
         """Set with each odometry."""
         self._lock = threading.RLock()
-        self._covariance: Array | None = None
-        """The last covariance of odometry that was one, (3, 3)."""
+        self._covariance: Array | None = None  # the last one of odometry that was one, (3, 3)
         self._obstacles: ObstacleSource | None = None
         self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None

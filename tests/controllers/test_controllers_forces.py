@@ -128,7 +128,8 @@ def test_moussaid_against_the_other_sign_convention():
     rng = np.random.default_rng(2)
     for _ in range(50):
         first, second, velocity = rng.normal(size=(3, 2))
-        first, second = 2.0 * first, 2.0 * second
+        first = 2.0 * first
+        second = first + 0.3 * second  # no farther than a person moves between two sightings
         want = other_convention(np.zeros(2), velocity, second, second - first)
         want = want + (np.array([1.0, 0.0]) - velocity) / 0.5
         got = force_of(walker(MoussaidForce), velocity, [first], [second])

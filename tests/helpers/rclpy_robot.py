@@ -229,7 +229,7 @@ class Robot:
         for number, (place, velocity) in enumerate(zip(*self.places(), strict=True)):
             one = Obstacle(score=1.0, position_covariance=np.eye(3).ravel() * 1e-3,
                            velocity_covariance=np.eye(3).ravel() * 1e-3)  # fmt: skip
-            one.uuid.uuid = [number] + [0] * 15
+            one.uuid.uuid = [number + 1] + [0] * 15
             one.position.x, one.position.y = place.tolist()
             one.velocity.x, one.velocity.y = velocity.tolist()
             one.size.x = one.size.y = 2 * RADIUS

@@ -39,9 +39,14 @@ REASONS: dict[str, str] = {
     "frame, message, rate or time of a robot's ROS system": """
         GoalTopic: yaw_tolerance
         NodeSettings: base_frame patience rate
-        ObstacleTopic: deviation kind radius
+        ObstacleTopic: deviation kind own_clock radius
         PathTopic: tolerance yaw_tolerance
-        ScanTopic: deviation handover
+        ScanTopic: deviation handover own_clock
+        """,
+    "kind of obstacles, or irregularity of stamps, other than that of our studies": """
+        Channel: jitter
+        PlannerSettings: obstacle_speed
+        Reactive: obstacle_speed
         """,
     "which seeds a study plays, and how it reads a user's recordings": """
         ClosedLoopRisk: first_seed

@@ -69,7 +69,7 @@ def test_a_planner_that_gives_way_brakes_or_refuses_says_so(
 ) -> None:
     made = planner(level=Paper(), solver=Failing(good=1))
     made.command(at(0.0, 0.0, ("ahead", 5.5, 0.3)))
-    made.command(at(0.5, 0.25, ("ahead", 2.0, 0.0)))
+    made.command(at(0.5, 0.25, ("ahead", 2.1, 0.0)))
     assert made.plan is not None
     gave_way, brakes = caplog.messages
     assert gave_way.startswith("gave way: asked 95 %, holds ")

@@ -163,7 +163,7 @@ def test_nothing_solved_is_nothing_to_explain() -> None:
 def test_failed_and_slow_solves_are_kept_up_to_a_number(tmp_path: File) -> None:
     folder = tmp_path / "new" / "solves"
     made = planner(record={"folder": str(folder), "most": 3})
-    assert decided(made, ahead(made, ("a", 9.0, 3.0))).rung is Rung.OPTIMAL
+    assert decided(made, ahead(made, ("far", 9.0, 3.0))).rung is Rung.OPTIMAL
     assert not folder.exists()  # the warm-up leaves nothing either
     for k in range(5):
         plan = decided(made, ahead(made, ("a", 0.9, 0.1 + 0.01 * k), time=0.5 * (k + 1)))

@@ -9,7 +9,7 @@ from wideberth import WideberthError
 from wideberth.framework.plugins import extras
 from wideberth.framework.tracking.identities import Identities, _People
 from wideberth.perception.tracking.motion import carried, corrected
-from wideberth.tests.perception.test_identities import idents
+from wideberth.tests.framework.tracking.test_identities import idents
 
 
 @pytest.mark.parametrize("deviation", [0.01, 0.1])
