@@ -318,9 +318,8 @@ def clear_way(people: ObstacleSet, view: PlanningContext, enough: float) -> Arra
     def left(way: Array) -> float:
         lines = [shapely.LineString(line) for line in (way[:, None] - people.mean).swapaxes(0, 1)]
         away = [float(shapely.distance(line, shapely.Point(0.0, 0.0))) for line in lines]
-        return min(
-            d - (0.4 + MARGIN + r) for d, r in zip(away, people.radius.tolist(), strict=True)
-        )
+        gaps = zip(away, people.radius.tolist(), strict=True)
+        return min(float(d - (0.4 + MARGIN + r)) for d, r in gaps)
 
     here, best = view.route[1], view.planned
     if left(best) >= 0.0:

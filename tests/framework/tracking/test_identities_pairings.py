@@ -5,8 +5,6 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from wideberth import WideberthError
-from wideberth.framework.plugins import extras
 from wideberth.framework.tracking.identities import Identities, _People
 from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.tests.framework.tracking.test_identities import idents
@@ -92,11 +90,3 @@ def test_people_are_remembered_for_a_second(absent: float, name: str) -> None:
     people = Identities()
     assert idents(people, 2.0, [[1.0, 0.0]], [[0.0, 0.0]]) == ["1"]
     assert idents(people, 2.0 + absent, [[1.0, 0.0]], [[0.0, 0.0]]) == [name]
-
-
-def test_the_extra_is_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        extras, "find_spec", lambda library: None if library == "scipy" else library
-    )
-    with pytest.raises(WideberthError, match="identities needs SciPy"):
-        Identities()
