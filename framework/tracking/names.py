@@ -31,10 +31,12 @@ class KnownObstacle(Protocol):
     @property
     def measured(self) -> float:
         """Time of the newest measurement, s."""
+        ...
 
     @property
     def position(self) -> Array:
         """Newest measured position, (D,), m."""
+        ...
 
 
 @final

@@ -100,10 +100,11 @@ def beside_grid(
     cells = owner[found] * len(grid) + column[found]
     found = found[np.unique(cells, return_index=True)[1]]  # the nearest one of each grid time
     row, off = owner[found], grid[column[found]] - moment[found]
-    other = first[row] + [
+    across = [
         _across(times[o], float(moment[k]), float(after), 0.5 * step, bridge)
         for o, k, after in zip(row.tolist(), found.tolist(), off.tolist(), strict=True)
     ]
+    other = first[row] + np.array(across, dtype=np.int64)
     alone = other < first[row]
     width = np.where(alone, 1.0, moment[found] - moment[other])
     share = np.where(alone, 0.0, off / width)[:, None]
