@@ -1,5 +1,6 @@
 """Identities for people whom another simulator reports without names."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple, final
 
@@ -142,9 +143,13 @@ class Identities:
     _people: _People = field(init=False, repr=False)
     _now: float = field(init=False, repr=False)
     _born: int = field(init=False, repr=False)
+    _paired: Callable[[Array], tuple[Numbers, Numbers]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         positive("identities.deviation", self.deviation)
+        from scipy.optimize import linear_sum_assignment  # not in the first decision that needs it
+
+        self._paired = linear_sum_assignment
         self.reset()
 
     def reset(self) -> None:
@@ -196,15 +201,13 @@ class Identities:
 
     def _before(self, expected: _People, places: Array, moving: Array) -> Numbers:
         """Return the row of each report's person, (K,); -1 for a new one."""
-        from scipy.optimize import linear_sum_assignment
-
         dt = self._now - self._people.seen
         turned = np.nan_to_num(0.5 * dt[:, None, None] * (moving - expected.velocity[:, None]))
         gap = places - expected.place[:, None] - turned
         reach = CHANGE * np.minimum(dt, LONGEST) + 6.0 * self.deviation
         far = np.minimum(np.hypot.reduce(gap, axis=-1), reach[:, None])
         variance = (expected.spread[:, 0] + self.deviation**2)[:, None]
-        rows, columns = linear_sum_assignment(far**2 / variance + 2.0 * np.log(variance))
+        rows, columns = self._paired(far**2 / variance + 2.0 * np.log(variance))
         near = far[rows, columns] < reach[rows]
         before = np.full(len(places), -1)
         before[columns[near]] = rows[near]
