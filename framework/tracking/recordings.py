@@ -234,18 +234,18 @@ def _assigned(
         return samples, ()
     named = {ident: rows for ident, rows in samples.items() if ident not in shared}
     unnamed = sorted(row for ident in shared for row in samples[ident])
-    identities, found = Identities(DEVIATION), Samples()
+    identities, tracks = Identities(DEVIATION), Samples()
     for frame, group in groupby(unnamed, key=lambda row: row[0]):
         rows = list(group)
         places = np.array([row[1:3] for row in rows])
         for row, obstacle in zip(rows, identities.named(seconds * frame, places), strict=True):
-            found.setdefault(f"#{obstacle.ident}", []).append(row)
-    some = ", ".join(sorted(shared)[:3]) + ", ..." * (len(shared) > 3)
+            tracks.setdefault(f"#{obstacle.ident}", []).append(row)
+    listed = ", ".join(sorted(shared)[:3]) + ", ..." * (len(shared) > 3)
     note = (
-        f"{len(shared)} identities are those of several tracks in one frame ({some}): their "
-        f"{len(unnamed)} rows are assigned to {len(found)} tracks by their positions"
+        f"{len(shared)} identities are those of several tracks in one frame ({listed}): their "
+        f"{len(unnamed)} rows are assigned to {len(tracks)} tracks by their positions"
     )
-    return named | found, (note,)
+    return named | tracks, (note,)
 
 
 def _is_fraction(word: str) -> bool:

@@ -92,24 +92,24 @@ def beside_grid(
     first, owner = np.cumsum(count) - count, np.repeat(np.arange(len(times)), count)
     moment, place = np.concatenate(times), np.concatenate(positions)
     column = np.rint((moment - grid[last]) / step).astype(np.int64) + last
-    found = np.flatnonzero(column >= 0)
-    found = found[np.isnan(sampled[owner[found], column[found], 0])]
-    if not found.size:
+    beside = np.flatnonzero(column >= 0)
+    beside = beside[np.isnan(sampled[owner[beside], column[beside], 0])]
+    if not beside.size:
         return apart
-    found = found[np.argsort(np.abs(moment[found] - grid[column[found]]), kind="stable")]
-    cells = owner[found] * len(grid) + column[found]
-    found = found[np.unique(cells, return_index=True)[1]]  # the nearest one of each grid time
-    row, off = owner[found], grid[column[found]] - moment[found]
+    beside = beside[np.argsort(np.abs(moment[beside] - grid[column[beside]]), kind="stable")]
+    cells = owner[beside] * len(grid) + column[beside]
+    beside = beside[np.unique(cells, return_index=True)[1]]  # the nearest one of each grid time
+    row, off = owner[beside], grid[column[beside]] - moment[beside]
     across = [
         _across(times[o], float(moment[k]), float(after), 0.5 * step, bridge)
-        for o, k, after in zip(row.tolist(), found.tolist(), off.tolist(), strict=True)
+        for o, k, after in zip(row.tolist(), beside.tolist(), off.tolist(), strict=True)
     ]
     other = first[row] + np.array(across, dtype=np.int64)
     alone = other < first[row]
-    width = np.where(alone, 1.0, moment[found] - moment[other])
+    width = np.where(alone, 1.0, moment[beside] - moment[other])
     share = np.where(alone, 0.0, off / width)[:, None]
-    sampled[row, column[found]] = place[found] + share * (place[found] - place[other])
-    newest = last - np.argmax(np.isfinite(sampled[row, ::-1, 0]), axis=1) == column[found]
+    sampled[row, column[beside]] = place[beside] + share * (place[beside] - place[other])
+    newest = last - np.argmax(np.isfinite(sampled[row, ::-1, 0]), axis=1) == column[beside]
     apart[row[newest & alone]] = np.abs(off[newest & alone])
     return apart
 
