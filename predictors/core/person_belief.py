@@ -7,6 +7,8 @@ from typing import Any, final
 
 import numpy as np
 
+from ...framework.tracking.names import FASTEST as RUNNING
+from ...framework.tracking.names import LEAP
 from ...framework.values.arrays import Array, BoolArray
 from ...people.models import Company, PersonModel, Walkers
 from .history import IntArray
@@ -18,9 +20,6 @@ STEEPEST = 2.0
 """Frobenius norm that derivatives are held below: at an edge of two half-planes there are none."""
 SLOWEST, FASTEST = 0.3, 2.5
 """m/s, speeds of new wanted velocities."""
-LEAP, LEAP_SPEED = 1.0, 5.0
-"""m and m/s: who is seen farther from where he was expected than `LEAP` + `LEAP_SPEED` t began
-anew."""
 SURPRISE, PULL = 0.3, 0.5
 """m/s per axis: how far a first velocity may be from the motion, and the wish from it."""
 EXACT = 0.1
@@ -228,7 +227,7 @@ def stepped(
     ahead, slope = _predicted(slots, some, near, before.mean[rows], duration)
     ahead = replace(ahead, weight=turn.weight)
     later = _corrected(slots, ahead, turn, slope, measured[rows], noise[rows], duration)
-    leap = np.hypot(*(measured[rows] - ahead.mean[:, :2]).T) > LEAP + LEAP_SPEED * duration
+    leap = np.hypot(*(measured[rows] - ahead.mean[:, :2]).T) > LEAP + RUNNING * duration
     now = _put(now, rows, later)
     return _begun(slots, now, rows[leap], measured, noise, duration)
 
@@ -272,7 +271,7 @@ def _begun(
     state, strange = now.state.copy(), now.strange.copy()
     way = measured - state[:, 0, :2]
     length = np.hypot(way[:, 0], way[:, 1])
-    moved = (length > STILL) & (length <= LEAP + LEAP_SPEED * duration)
+    moved = (length > STILL) & (length <= LEAP + RUNNING * duration)
     again = seen & (samples == 1) & moved
     first = seen & (samples <= 1) & ~again
     samples[first], samples[again] = 1, 2
