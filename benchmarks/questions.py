@@ -22,6 +22,7 @@ import solver_speed
 import solver_tables
 import startup
 import sweep_speed
+import threads
 import tracking
 from measuring import Row, Tick
 from set_ups import SetUp, set_ups
@@ -117,7 +118,7 @@ class Question:
 
 BRIEF = (
     *("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks"),
-    *("stages", "export", "tracking", "nav2"),
+    *("stages", "threads", "export", "tracking", "nav2"),
 )
 """Asked of every run."""
 NAMES = (*BRIEF, "sweeps", "endurance", "decisions")
@@ -149,6 +150,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "predictors": Question(len(extent.counts), partial(_predictors, extent)),
         "risks": Question(1, partial(_risks, extent)),
         "stages": Question(decision.ticks(extent.stages[0]), partial(_stages, extent)),
+        "threads": Question(threads.ticks(starts), partial(_threads, extent)),
         "export": Question(exported.ticks(), partial(_export, extent)),
         "tracking": Question(tracking.ticks(extent.crowds), partial(_tracking, extent)),
         "nav2": Question(nav2_speed.count(extent.loops[0]), partial(_nav2, extent)),
@@ -234,6 +236,11 @@ def _stages(extent: Extent, tick: Tick) -> Tables:
         "whole": ("Whole decisions, observation included", whole),
         "stages": ("Where their time goes", stages),
     }
+
+
+def _threads(extent: Extent, tick: Tick) -> Tables:
+    rows = threads.measure(extent.repeats[1], tick)
+    return {"threads": ("An episode with one thread of BLAS and with the default", rows)}
 
 
 def _export(extent: Extent, tick: Tick) -> Tables:

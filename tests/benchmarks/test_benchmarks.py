@@ -57,7 +57,7 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path, bench: Path) -> N
     assert set(tables) - raw | ({"export"} if unable else set()) == {
         "startup", "solvers", "speedups", "quality", "obstacles", "hard", "safe", "scaling",
         "slopes", "plugins", "plugin_totals", "batches", "predictors", "risks", "stages",
-        "export", "targets", "whole", "crowds", "tracking", "nav2",
+        "threads", "export", "targets", "whole", "crowds", "tracking", "nav2",
     }  # fmt: skip
     assert raw < set(tables)
     for name in ("times", "growth", "hard", "stages"):
