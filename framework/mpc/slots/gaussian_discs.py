@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import compress
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple, final
 
@@ -117,7 +118,7 @@ def choose_obstacles(
     The discs that are kept, and their indices; the same discs where these are all.
     """
     beyond = np.zeros(len(discs), dtype=np.bool_) if far is None else far
-    kept = near = np.flatnonzero(~beyond)
+    kept = near = (~beyond).nonzero()[0]
     if len(near) > most:
         apart = lengths(discs.mean[:, near] - route[:, :, None])
         clearance = apart.min(axis=(0, 1)) - discs.radius[near]
@@ -128,12 +129,12 @@ def choose_obstacles(
     counted[kept] = True
     pairs = list(zip(discs.ids, counted.tolist(), strict=True))
     chosen = ObstacleSet(
-        discs.mean[:, kept],
-        discs.covariance[:, kept],
+        discs.mean.take(kept, axis=1),
+        discs.covariance.take(kept, axis=1),
         discs.radius[kept],
         tuple(discs.ids[i] for i in kept.tolist()),
         left_out=(*discs.left_out, *(name for name, held in pairs if not held)),
-        out_of_reach=tuple(discs.ids[i] for i in np.flatnonzero(beyond).tolist()),
+        out_of_reach=tuple(compress(discs.ids, beyond.tolist())),
         counted=tuple(name for name, held in pairs if held),
     )
     return chosen, kept
@@ -264,9 +265,9 @@ class DiscNumbers(NamedTuple):
 
     def some(self, which: NDArray[np.intp], level: Array, places: dict[str, int]) -> "DiscNumbers":
         """Return those of some of the discs, by their indices, at levels of their own."""
-        kept = self.mean[:, which], self.covariance[:, which], self.margin[which]
+        kept = self.mean.take(which, axis=1), self.covariance.take(which, axis=1)
         end = None if self.end is None else self.end.some(which)
-        return DiscNumbers(*kept, level, places, end)
+        return DiscNumbers(*kept, self.margin[which], level, places, end)
 
     def until(self, later: ObstacleSet, reference: Reference, own: Array) -> "DiscNumbers":
         """Return them with what holds the discs from step N to those ``later``.
@@ -300,17 +301,19 @@ class DiscNumbers(NamedTuple):
         steps, count, size = mean.shape
         if not capacity:
             return SlotNumbers.none(steps, region.parameter_count(size), levelled=True)
-        if rest := capacity - count:
-            dummy = np.empty((steps, rest, size, size))
+        if count < capacity:  # empty slots are all the same
+            dummy = np.empty((steps, 1, size, size))
             dummy[...] = np.eye(size)
-            mean = np.concatenate([mean, np.zeros((steps, rest, size))], axis=1)
+            mean = np.concatenate([mean, np.zeros((steps, 1, size))], axis=1)
             covariance = np.concatenate([covariance, dummy], axis=1)
-            margin = np.concatenate([margin, np.ones(rest)])
-        room = np.empty((steps, capacity))
+            margin = np.append(margin, 1.0)
+        room = np.empty(mean.shape[:2])
         room[...] = margin
         # of a checked forecast, brought within reach
         clear_of = assembled(GaussianObstacle, mean=mean, covariance=covariance)
-        parameters, none = region.parameters(clear_of, room), np.zeros((steps, capacity, 0))
+        parameters = region.parameters(clear_of, room)
+        parameters = parameters.take(np.minimum(np.arange(capacity), count), axis=1)
+        none = np.zeros((steps, capacity, 0))
         return SlotNumbers(
             parameters, active_slots(count, capacity), none, self.levels(ids, capacity)
         )

@@ -19,6 +19,7 @@ from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet, choose_obstacles
 from wideberth.framework.mpc.slots.static_polygons import NONE, Walls, fill_walls
 from wideberth.framework.region import Region
+from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.forecast import Forecast, GaussianObstacle
 from wideberth.framework.values.motion import Detection, Observation, Pose, Truth, Twist
@@ -75,6 +76,25 @@ def test_every_step_of_an_instance_is_that_of_the_forecast(region: Region) -> No
             alone = region.parameters(disc, obstacles.radius[k] + 0.75)
             np.testing.assert_allclose(found.parameters[i, k], alone, atol=1e-12)
             assert found.level[i, k] == pytest.approx(region.level(tails[i]))
+
+
+def test_a_region_computes_empty_slots_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    region, shapes = MahalanobisEllipse(), []
+    every_slot = MahalanobisEllipse.parameters
+
+    def parameters(self: MahalanobisEllipse, obstacle: GaussianObstacle, margin: Array) -> Array:
+        shapes.append(margin.shape)
+        return every_slot(self, obstacle, margin)
+
+    monkeypatch.setattr(MahalanobisEllipse, "parameters", parameters)
+    (found,) = filled(region, 10).slots
+    assert shapes == [(STEPS, 3)]
+    assert found.parameters.shape[:2] == (STEPS, 10)
+    unit = every_slot(region, GaussianObstacle(np.zeros(2), np.eye(2)), np.array(1.0))
+    np.testing.assert_array_equal(
+        found.parameters[:, 2:], np.broadcast_to(unit, (STEPS, 8, len(unit)))
+    )
+    np.testing.assert_array_equal(found.active, [1.0] * 2 + [0.0] * 8)
 
 
 def test_every_step_of_the_reference_is_one_step_ahead() -> None:
