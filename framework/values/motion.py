@@ -177,9 +177,10 @@ class Detection:
             flaw = flaw or (f"age is {age:g}" if 0.0 <= radius < inf else f"radius is {radius:g}")
         if not all_finite(position):
             flaw = f"position is {position.tolist()}"
-        settle(self, ident=ident, position=position, covariance=covariance, radius=radius)
-        settle(self, age=age, sensor=sensor, flaw=flaw)
-        settle(self, velocity=velocity, state_covariance=state_covariance)
+        settle(
+            self, ident=ident, position=position, covariance=covariance, radius=radius, age=age,
+            sensor=sensor, velocity=velocity, state_covariance=state_covariance, flaw=flaw,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,9 +264,10 @@ class Observation:
             raise WideberthError(f"observation.truth is {truth!r}; wanted a Truth or None")
         if not isinstance(scan, PlacedScan | None):
             raise WideberthError(f"observation.scan is {scan!r}; wanted a PlacedScan or None")
-        settle(self, stamp=stamp, state=state, detections=detections, covariance=covariance)
-        settle(self, polygons=polygons, truth=truth, map_covariance=map_covariance, scan=scan)
-        settle(self, flaw=flaw)
+        settle(
+            self, stamp=stamp, state=state, detections=detections, covariance=covariance,
+            polygons=polygons, truth=truth, map_covariance=map_covariance, scan=scan, flaw=flaw,
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         """Say when, where the robot is, and whom it sees, a line each for the first eight."""

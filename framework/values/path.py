@@ -104,8 +104,7 @@ class Path:
         begin, (step, length, _) = self.points[:-1], self._pieces
         along = np.einsum("sd,sd->s", point - begin, step) / length
         before = self.arc[:-1]
-        low = np.minimum(np.maximum(start - before, 0.0), length)
-        high = np.minimum(np.maximum(start + window - before, 0.0), length)
+        low, high = np.minimum(np.maximum([[start], [start + window]] - before, 0.0), length)
         along = np.minimum(np.maximum(along, low), high)
         gap = begin + step * (along / length)[:, None] - point
         distance = np.sqrt(np.add.reduce(gap * gap, axis=1))

@@ -1,6 +1,7 @@
 """How far along its path a robot has come."""
 
 from dataclasses import dataclass
+from math import dist
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class PathProgress:
         if self.last is None:
             return self.path.project(place, early=EARLY)
         before, where = self.last
-        reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
+        reach = EARLY + 2.0 * dist(place, where)
         low = max(before - reach, 0.0)
         return self.path.project(place, start=low, window=before + reach + farther - low)
 

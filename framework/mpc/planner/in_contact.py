@@ -182,11 +182,11 @@ def _twists(robot: Robot, states: Array, inputs: Array) -> tuple[Array, Array]:
 
 def _depths(robot: Robot, states: Array, places: Array, radii: Array) -> Array:
     """How deep the bodies are in discs at K states, (K, C), m; negative where they are apart."""
-    pose, depth = robot.pose(tuple(states.T)), np.empty((len(states), len(places)))
-    depth[...] = -np.inf
-    for body in bodies(robot) if len(places) else ():
-        np.maximum(depth, body.radius + radii - apart(body, pose, places[None]), out=depth)
-    return depth
+    pose = robot.pose(tuple(states.T))
+    if not len(places):
+        return np.zeros((len(states), 0))
+    each = [body.radius + radii - apart(body, pose, places[None]) for body in bodies(robot)]
+    return each[0] if len(each) == 1 else np.maximum.reduce(each)
 
 
 def expected_now(

@@ -37,7 +37,7 @@ discs the planner concludes that something is in the way, see `planner.multistar
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, sqrt
+from math import hypot, inf, sqrt
 from typing import final
 
 import numpy as np
@@ -81,14 +81,14 @@ class Travel:
         no farther than dt max(v, w). A tolerance of squares is sqrt(`TOLERANCE`) in the speed.
         """
         still = (0.0,) * len(self.robot.inputs)
-        now = float(np.linalg.norm(self.robot.twist(tuple(start.tolist()), still).linear))
-        each = self.dt * (self.speed + 2.0 * sqrt(TOLERANCE)) + TOLERANCE
-        surplus = self.dt * max(now - self.speed, 0.0)
-        return surplus + each * self._counted
+        now = hypot(*self.robot.twist(tuple(start.tolist()), still).linear)
+        return self.dt * max(now - self.speed, 0.0) + self._from_limit
 
     @cached_property
-    def _counted(self) -> Array:
-        return np.arange(1, self.steps + 1, dtype=np.float64)
+    def _from_limit(self) -> Array:
+        """Return `bounds` of a robot that starts no faster than its limit, (N,), m."""
+        each = self.dt * (self.speed + 2.0 * sqrt(TOLERANCE)) + TOLERANCE
+        return each * np.arange(1, self.steps + 1, dtype=np.float64)
 
 
 def leaves_out(policy: LevelPolicy) -> bool:
@@ -119,13 +119,14 @@ def out_of_reach(
     apart = lengths(mean - places[:, :, None])
     room = (apart - allowed[:, :, None]).min(axis=0)
     far: BoolArray = (room > margin).all(axis=0) & (level >= 0.0).all(axis=0)
-    some = np.flatnonzero(far)
+    some = far.nonzero()[0]
     if some.size:
         with np.errstate(all="ignore"):  # a radius that is no number leaves nothing out
-            wide = np.broadcast_to(margin[some], (len(mean), len(some)))
-            radius = region.outer_radius(_deviations(covariance[:, some]), wide, level[:, some])
+            level, wide = level.take(some, axis=1), margin[some]
+            deviations = _deviations(covariance.take(some, axis=1))
+            radius = region.outer_radius(deviations, np.broadcast_to(wide, level.shape), level)
             radius = np.maximum(radius, wide) * (1.0 + SURPLUS) + SURPLUS
-            far[some] = (room[:, some] > radius).all(axis=0)
+            far[some] = (room.take(some, axis=1) > radius).all(axis=0)
     return far
 
 
@@ -143,5 +144,8 @@ def _deviations(covariance: Array) -> Array:
 
 def lengths(vectors: Array) -> Array:
     """Lengths of vectors (..., D); NumPy is slow over an axis this short."""
-    parts = (vectors[..., axis] for axis in range(vectors.shape[-1]))
-    return np.asarray(np.sqrt(sum(part * part for part in parts)))
+    squares = vectors * vectors
+    total = squares[..., 0]
+    for axis in range(1, vectors.shape[-1]):
+        total = total + squares[..., axis]
+    return np.asarray(np.sqrt(total))
