@@ -3,10 +3,10 @@
     python benchmarks/beside.py ../old/wideberth
 
 Each checkout decides in a process of its own, with its own virtual environment, what
-`decision.Drive` of its own benchmarks asks: some decisions here, as many there, and so on, so
-that both meet the same load of the machine. Both decide on one core: those of a shared machine are
-seldom equally fast. Times are processor time of the process. The first decisions of a turn find
-the processor's caches filled by the other checkout.
+`decision.Drive` of this checkout asks: some decisions here, as many there, and so on, so that both
+meet the same load of the machine. Both decide on one core: those of a shared machine are seldom
+equally fast. Times are processor time of the process. The first decisions of a turn find the
+processor's caches filled by the other checkout. `PAIRS` says which predictors are compared.
 """
 
 import argparse
@@ -14,13 +14,16 @@ import os
 import subprocess
 import sys
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
 HERE = Path(__file__).resolve().parents[1]
-SEEN = (5, 40)
+SEEN = (1, 3, 10, 40)
+PAIRS = (("recommended", "recommended"), ("kalman", "kalman"), ("kalman", "recommended"))
+"""Predictors of the other checkout and of this one, of `decision.PREDICTORS`."""
 
 
 def main() -> int:
@@ -33,28 +36,40 @@ def main() -> int:
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.serve:
-        return serve(asked.other)
+        return serve()
     size = asked.drives, asked.turns, asked.at_once
-    same = [compared(asked.other.resolve(), seen, *size) for seen in SEEN]
+    same = [
+        compared(asked.other.resolve(), pair, seen, *size) for pair, seen in product(PAIRS, SEEN)
+    ]
     return int(not all(same))
 
 
-def compared(other: Path, seen: int, drives: int, turns: int, at_once: int) -> bool:
-    """Print the ratio of this checkout to another one; return whether they decide the same."""
+def compared(
+    other: Path, predictors: tuple[str, str], seen: int, drives: int, turns: int, at_once: int
+) -> bool:
+    """Print the ratio of this checkout to another one.
+
+    Returns
+    -------
+    Whether they decide the same; those with different predictors are not asked for that.
+    """
     ratios, same = [], True
     both = Served(other), Served(HERE)
     for drive in range(drives):
-        for one in both:
-            one.ask(f"{seen} {drive}")
+        for one, predictor in zip(both, predictors, strict=True):
+            one.ask(f"{predictor} {seen} {drive}")
         for turn in range(turns):
             order = both if turn % 2 else both[::-1]
             found = {one: one.ask(f"{at_once}").split() for one in order}
-            before, after = (found[one] for one in both)
-            same &= before[1] == after[1]
-            ratios.append(float(after[0]) / float(before[0]))
+            there, here = (found[one] for one in both)
+            same &= there[1] == here[1]
+            ratios.append(float(here[0]) / float(there[0]))
     low, high = np.quantile(ratios, [0.25, 0.75])
-    words = f"{seen} seen: {median(ratios):.3f} of the time, quartiles {low:.3f} to {high:.3f}"
-    print(f"{words}; the same bytes: {same}", flush=True)
+    before, after = predictors
+    words = f"{after}, {seen} seen: {median(ratios):.3f} of the time of {before} there"
+    same |= before != after
+    alike = f"; the same bytes: {same}" if before == after else ""
+    print(f"{words}, quartiles {low:.3f} to {high:.3f}{alike}", flush=True)
     for one in both:
         one.end()
     return same
@@ -81,10 +96,9 @@ class Served:
         self._process.communicate()
 
 
-def serve(folder: Path) -> int:
-    """Answer lines: two numbers begin a drive, one asks for so many decisions."""
-    sys.path.insert(0, str(folder / "benchmarks"))
-    from decision import Drive
+def serve() -> int:
+    """Answer lines: a predictor and two numbers begin a drive, a number asks for decisions."""
+    from decision import PREDICTORS, Drive
 
     from wideberth.framework.control.rate_limited_warnings import quiet
 
@@ -93,16 +107,17 @@ def serve(folder: Path) -> int:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever else is printed
     with quiet():
-        Drive(SEEN[0], 0).decide()
+        for predictor in PREDICTORS:  # imports and compiles
+            Drive(predictor, SEEN[0], 0)
         drive = None
         for line in sys.stdin:
-            numbers = [int(word) for word in line.split()]
-            if len(numbers) == 2:
-                drive = Drive(*numbers)
+            words = line.split()
+            if len(words) == 3:
+                drive = Drive(words[0], int(words[1]), int(words[2]))
                 print("begun", file=answers, flush=True)
                 continue
             assert drive is not None
-            found = [drive.decide() for _ in range(numbers[0])]
+            found = [drive.decide() for _ in range(int(words[0]))]
             said = sha256()
             for _, (command, plan) in found:
                 said.update(repr((command, str(plan.rung), plan.ids, plan.reason)).encode())

@@ -1,6 +1,7 @@
 """Where the time of a whole decision goes, from the building of the observation to the command.
 
-A robot drives along a straight path through walkers and decides again at every step of its plan.
+A robot drives along a straight path through walkers and decides again at every step of its plan,
+with the recommended planner as it is, and with its predictor replaced by `kalman`.
 Times are processor time of the process: the planner calls its solver in another thread, and
 nothing else runs. Each drive is done twice: as it is, for the time of whole decisions, and with a
 timer around the functions of `STAGES`, for the shares. The timers stand here alone, and what they
@@ -14,7 +15,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
 from importlib import import_module
+from itertools import product
 from time import process_time
+from types import ModuleType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -33,17 +36,18 @@ from wideberth.simulation.engine.plant import KinematicPlant
 
 SPEED, PERIOD = 1.25, 0.2
 """m/s and s: the speed for which `recommended` takes 25 steps of 0.2 s, and its period."""
-SEEN, USED = (40, 5), 10
+SEEN, USED = (1, 3, 10, 40), 10
 """Walkers that are seen, and most that have a slot in the problem."""
 REACH, PACE, NOISE = 14.0, 0.6, 0.02
 """m, m/s and m: the square on which walkers are, their speed per axis, the sensor's deviation."""
-FILTER = {"type": "kalman", "acceleration_density": 0.01}
-"""Forecasts by a filter, whose stages have names below and which RESULTS.md was measured with."""
-WARM = 45
-"""Observations before the first decision, as many as the filter looks back at, and more."""
+PREDICTORS: dict[str, dict[str, Any]] = {"recommended": {}, "kalman": {"predictor": "kalman"}}
+"""Settings of the planner beside the recommended ones, by what its forecasts are called here."""
+WARM, SETTLED = 90, 15
+"""Observations before the first decision, more than are kept of a walker; and decisions before the
+first that counts: from then on forecasts of every age wait to be compared with what happened."""
 SEED = 1
 
-REST = "all else"
+REST, CALIBRATION = "all else", "calibration"
 STAGES: dict[str, tuple[str, ...]] = {
     "observation": (
         "framework.values.motion:Detection.__init__",
@@ -54,8 +58,15 @@ STAGES: dict[str, tuple[str, ...]] = {
         "framework.tracking.history:History.add",
     ),
     "history onto the grid": ("framework.tracking.history:History.tracks",),
-    "filter": ("predictors.kalman:Kalman.predict",),
-    "roll-out of the filter": ("predictors.core.kalman_filter:roll_out",),
+    "filter": ("predictors.core.kalman_filter:filtered",),
+    "forecast": (
+        "predictors.core.kalman_filter:Start.of",
+        "predictors.core.kalman_filter:forecast",
+    ),
+    CALIBRATION: (
+        "predictors.adaptive_conformal:AdaptiveConformal.update",
+        "predictors.adaptive_conformal:AdaptiveConformal.ahead",
+    ),
     "resampling": ("framework.tracking.perception:_on_times",),
     "obstacles chosen, regions": (
         "framework.mpc.slots.gaussian_discs:GaussianDiscs.choose",
@@ -91,12 +102,13 @@ class Drive:
 
     Parameters
     ----------
+    predictor : of `PREDICTORS`.
     seen : walkers.
     seed : of their places, velocities and the sensor's noise.
     """
 
-    def __init__(self, seen: int, seed: int) -> None:
-        chosen = recommended("unicycle", speed=SPEED, quiet=True, predictor=FILTER)
+    def __init__(self, predictor: str, seen: int, seed: int) -> None:
+        chosen = recommended("unicycle", speed=SPEED, quiet=True, **PREDICTORS[predictor])
         self.planner: Planner = replace(
             chosen, solver=build("solvers", "riccati"), most_obstacles=USED
         )
@@ -112,6 +124,8 @@ class Drive:
         for _ in range(WARM):
             self.planner.remember(self._observation(*self._measured()))
             self._walk()
+        for _ in range(SETTLED):
+            self.decide()
 
     def decide(self, shares: "Shares | None" = None) -> tuple[float, Outcome]:
         """See, decide and move on: s from the numbers measured to the command, and the outcome."""
@@ -205,31 +219,42 @@ def timers(shares: Shares) -> Iterator[None]:
     changed: list[tuple[Any, str, Any]] = []
     for stage, names in STAGES.items():
         for name in names:
-            module, _, place = name.partition(":")
-            owner, _, attribute = place.rpartition(".")
-            home: Any = import_module(f"wideberth.{module}")
-            if owner:
-                holders = [getattr(home, owner)]
-            else:
-                holders = [one for key, one in sys.modules.items() if key.startswith("wideberth")]
-            known = vars(holders[0] if owner else home)[attribute]
-            plain = known.__func__ if isinstance(known, classmethod) else known
+            owner, attribute, function = stage_function(name)
+            plain = function.__func__ if isinstance(function, classmethod) else function
             timed: Any = shares.timed(stage, plain)
-            timed = classmethod(timed) if isinstance(known, classmethod) else timed
+            timed = classmethod(timed) if isinstance(function, classmethod) else timed
+            holders = [owner]
+            if isinstance(owner, ModuleType):
+                holders = [one for key, one in sys.modules.items() if key.startswith("wideberth")]
             for holder in holders:
-                if vars(holder).get(attribute) is known:
-                    changed.append((holder, attribute, known))
+                if vars(holder).get(attribute) is function:
+                    changed.append((holder, attribute, function))
                     setattr(holder, attribute, timed)
     try:
         yield
     finally:
-        for holder, attribute, known in changed:
-            setattr(holder, attribute, known)
+        for holder, attribute, function in changed:
+            setattr(holder, attribute, function)
+
+
+def stage_function(name: str) -> tuple[Any, str, Any]:
+    """Return a function of `STAGES`, after the module or class that defines it and its name there.
+
+    Raises
+    ------
+    ModuleNotFoundError, AttributeError, KeyError : it is not there.
+    """
+    module, _, place = name.partition(":")
+    owner: Any = import_module(f"wideberth.{module}")
+    *classes, attribute = place.split(".")
+    for one in classes:
+        owner = getattr(owner, one)
+    return owner, attribute, vars(owner)[attribute]
 
 
 def ticks(drives: int) -> int:
     """Count the ticks of `measure`."""
-    return len(SEEN) * drives
+    return len(PREDICTORS) * len(SEEN) * drives
 
 
 def measure(drives: int, decisions: int, tick: Tick) -> tuple[list[Row], list[Row]]:
@@ -237,34 +262,35 @@ def measure(drives: int, decisions: int, tick: Tick) -> tuple[list[Row], list[Ro
 
     Returns
     -------
-    A row for each number of walkers, the time of whole decisions without timers; and a row for
-    each stage with each of them: ``ms`` is the mean over all decisions of its own time, ``share``
-    its part of all stages, ``calls`` how often its functions are called in a decision.
+    A row for each predictor and number of walkers, the time of whole decisions without timers; and
+    a row for each stage with each of them: ``ms`` is the mean over all decisions of its own time,
+    ``share`` its part of all stages, ``calls`` how often its functions are called in a decision.
     """
     rows: list[Row] = []
     stages: list[Row] = []
     with quiet():
-        Drive(SEEN[0], 0).decide()  # imports and compiles
-        for seen in SEEN:
+        for predictor in PREDICTORS:  # imports and compiles
+            Drive(predictor, SEEN[0], 0)
+        for predictor, seen in product(PREDICTORS, SEEN):
             shares, taken = Shares(), []
             for seed in range(drives):
-                tick(f"decisions with {seen} seen, drive {seed + 1}")
-                plain = Drive(seen, seed)
+                tick(f"{predictor} with {seen} seen, drive {seed + 1}")
+                plain = Drive(predictor, seen, seed)
                 taken += [1e3 * plain.decide()[0] for _ in range(decisions)]
-                watched = Drive(seen, seed)
+                watched = Drive(predictor, seen, seed)
                 with timers(shares):
                     for _ in range(decisions):
                         watched.decide(shares)
-            rows.append({"seen": seen, "used": min(seen, USED), **spread(taken)})
-            stages += _rows(seen, shares, drives * decisions)
+            case = {"predictor": predictor, "seen": seen}
+            rows.append({**case, "used": min(seen, USED), **spread(taken)})
+            stages += [{**case, **row} for row in _rows(shares, drives * decisions)]
     return rows, stages
 
 
-def _rows(seen: int, shares: Shares, decisions: int) -> list[Row]:
+def _rows(shares: Shares, decisions: int) -> list[Row]:
     total = sum(shares.seconds.values())
     return [
         {
-            "seen": seen,
             "stage": stage,
             "ms": 1e3 * spent / decisions,
             "share": spent / total,

@@ -98,20 +98,24 @@ def _hard(rows: Sequence[Row]) -> Any:
 
 def _stages(rows: Sequence[Row]) -> Any:
     """Mean time of each stage of a whole decision, by how many obstacles are seen."""
-    figure, panel = subplots(figsize=(PAGE, 3.4))
-    stages, seen = ([*dict.fromkeys(row[key] for row in rows)] for key in ("stage", "seen"))
+    predictors, stages, seen = (
+        [*dict.fromkeys(row[key] for row in rows)] for key in ("predictor", "stage", "seen")
+    )
+    figure, panels = subplots(1, len(predictors), figsize=(PAGE, 4.4), sharex=True, sharey=True)
     width = 0.85 / max(len(seen), 1)
-    for i, count in enumerate(seen):
-        own = [row["ms"] for row in rows if row["seen"] == count]
-        places = np.arange(len(stages)) + (i - 0.5 * (len(seen) - 1)) * width
-        panel.barh(places, own, width, label=f"{count} seen, {sum(own):.2g} ms",
-                   color=COLOURS[i % len(COLOURS)], hatch=HATCHES[i % len(HATCHES)],
-                   edgecolor="white", linewidth=0.3)  # fmt: skip
-    panel.set_yticks(range(len(stages)), stages)
+    for panel, predictor in zip(np.ravel(panels), predictors, strict=True):
+        for i, count in enumerate(seen):
+            case = (predictor, count)
+            own = [row["ms"] for row in rows if (row["predictor"], row["seen"]) == case]
+            places = np.arange(len(stages)) + (i - 0.5 * (len(seen) - 1)) * width
+            panel.barh(places, own, width, label=f"{count} seen, {sum(own):.2g} ms",
+                       color=COLOURS[i % len(COLOURS)], hatch=HATCHES[i % len(HATCHES)],
+                       edgecolor="white", linewidth=0.3)  # fmt: skip
+        panel.set_yticks(range(len(stages)), stages)
+        panel.grid(axis="y", visible=False)
+        panel.set(title=predictor, xlabel="processor time in one decision, ms")
+        panel.legend()
     panel.invert_yaxis()
-    panel.grid(axis="y", visible=False)
-    panel.set(xlabel="processor time in one decision, ms")
-    panel.legend()
     return figure
 
 

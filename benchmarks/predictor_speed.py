@@ -1,7 +1,9 @@
 """Every registered predictor on 1 to 1000 obstacles, beside statsmodels and filterpy.
 
-A call is `predict`; of those that adapt while they run, `update` is another, which a planner makes
-before each forecast.
+A call is `predict`; of those that adapt while they run, `update` is another. Both filter every
+sample.
+Of those that filter, `decision` is what a planner asks for when all obstacles have been measured
+once more: learn and forecast, going on with what was filtered before.
 """
 
 from collections.abc import Callable
@@ -14,7 +16,9 @@ from measuring import Row, Tick, brief, rotated, timed
 
 from wideberth.framework import Predictor, Scene, Tracks, names
 from wideberth.framework.plugins.config import build
-from wideberth.framework.predictor import Adaptive, Fittable
+from wideberth.framework.predictor import Adaptive, Filtering, Fittable
+from wideberth.framework.tracking.perception import FORGET, Perception
+from wideberth.framework.values.measurements import Measurements
 from wideberth.framework.values.motion import Truth
 
 REFERENCE = "constant_velocity"
@@ -45,7 +49,7 @@ class Candidate:
     name : of the predictor.
     engine : "own", or the library whose plain loop over the obstacles it is.
     prepare : returns the call for these obstacles; what it does itself is not timed.
-    call : "predict" or "update".
+    call : "predict", "update" or "decision".
     history : (obstacles, best time in ms) at the numbers measured so far.
     """
 
@@ -110,6 +114,8 @@ def candidates() -> list[Candidate]:
         found.append(Candidate(name, "own", partial(_predicting, predictor)))
         if isinstance(predictor, Adaptive):
             found.append(Candidate(name, "own", partial(_updating, predictor), "update"))
+        if isinstance(predictor, Filtering):
+            found.append(Candidate(name, "own", partial(_deciding, predictor), "decision"))
     found.append(Candidate("var", "statsmodels", partial(_looping, _statsmodels)))
     found.append(Candidate("kalman", "filterpy", partial(_looping, _filterpy)))
     return found
@@ -137,6 +143,30 @@ def _updating(predictor: Adaptive, tracks: Tracks, scene: Scene) -> Call:
 
 def _update(predictor: Adaptive, tracks: Tracks, scene: Scene) -> None:
     predictor.update(tracks, scene)
+
+
+def _deciding(predictor: Predictor, tracks: Tracks, scene: Scene) -> Call:
+    """Return what a planner asks for at the newest sample, after it has learnt at each before."""
+    perception = Perception.initial(predictor, tracks.dimension, DT, SAMPLES, DT, FORGET)
+    for count in range(1, SAMPLES):
+        perception = perception.learnt(_measured(tracks, count), scene)
+    return partial(_decide, perception, _measured(tracks, SAMPLES), scene)
+
+
+def _decide(perception: Perception, tracks: Tracks, scene: Scene) -> float:
+    times = DT * np.arange(1.0, STEPS + 1)
+    forecast = perception.learnt(tracks, scene).forecast(tracks, tracks.stamp, times, scene)
+    assert forecast is not None
+    return float(np.mean([why is not None for why in forecast.fallback]))
+
+
+def _measured(tracks: Tracks, count: int) -> Tracks:
+    """Return the oldest samples, each of them as a measurement in the log of its obstacle."""
+    places, times = tracks.positions[:, :count], DT * np.arange(count, dtype=np.float64)
+    noise = np.repeat(tracks.noise[:, None], count, axis=1)
+    logs = range(len(tracks))
+    sightings = Measurements([times] * len(tracks), list(places), list(noise), logs)
+    return replace(tracks, positions=places, stamp=DT * (count - 1), sightings=sightings)
 
 
 def _looping(loop: Callable[[Tracks], None], tracks: Tracks, scene: Scene) -> Call:

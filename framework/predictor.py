@@ -4,8 +4,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import wraps
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, final
 
+from .values.beliefs import Beliefs
 from .values.coverage import Coverage
 from .values.forecast import Forecast, Scene
 from .values.number_limits import bounded
@@ -17,15 +18,9 @@ def _predict_within(predict: Callable[..., Forecast]) -> Callable[..., Forecast]
 
     @wraps(predict)
     def limited(self: Any, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        known = bounded(tracks, scene)
-        if known is None:
-            return predict(self, tracks, steps, scene)
-        forecast = predict(self, known.tracks, steps, known.scene)
-        reasons = tuple(
-            "; ".join(filter(None, both)) or None
-            for both in zip(known.reasons, forecast.fallback, strict=True)
+        return _limited_forecast(
+            lambda tracks, scene: predict(self, tracks, steps, scene), tracks, scene
         )
-        return replace(forecast, dt=tracks.dt, fallback=reasons)
 
     return limited
 
@@ -34,13 +29,54 @@ def _update_within(update: Callable[..., Any]) -> Callable[..., Any]:
     """Let an `update` see numbers within the limits alone."""
 
     @wraps(update)
-    def limited(self: Any, tracks: Tracks, scene: Scene | None = None) -> Any:
+    def limited(self: Any, tracks: Tracks, scene: Scene | None = None, *beliefs: Any) -> Any:
         known = bounded(tracks, scene)
         if known is None:
-            return update(self, tracks, scene)
-        return update(self, known.tracks, known.scene)
+            return update(self, tracks, scene, *beliefs)
+        return update(self, known.tracks, known.scene, *beliefs)
 
     return limited
+
+
+def _filtered_within(filtered: Callable[..., Beliefs]) -> Callable[..., Beliefs]:
+    """Let a `filtered` see numbers within the limits alone."""
+
+    @wraps(filtered)
+    def limited(self: Any, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        known = bounded(tracks, None)
+        return filtered(self, tracks if known is None else known.tracks, before)
+
+    return limited
+
+
+def _ahead_within(ahead: Callable[..., Forecast]) -> Callable[..., Forecast]:
+    """Let an `ahead` see numbers within the limits alone."""
+
+    @wraps(ahead)
+    def limited(
+        self: Any, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        def forecast(tracks: Tracks, scene: Scene | None) -> Forecast:
+            return ahead(self, beliefs, tracks, steps, scene)
+
+        return _limited_forecast(forecast, tracks, scene)
+
+    return limited
+
+
+def _limited_forecast(
+    forecast: Callable[[Tracks, Scene | None], Forecast], tracks: Tracks, scene: Scene | None
+) -> Forecast:
+    """Ask for a forecast with numbers within the limits, and add what was beyond them."""
+    known = bounded(tracks, scene)
+    if known is None:
+        return forecast(tracks, scene)
+    said = forecast(known.tracks, known.scene)
+    reasons = tuple(
+        "; ".join(filter(None, both)) or None
+        for both in zip(known.reasons, said.fallback, strict=True)
+    )
+    return replace(said, dt=tracks.dt, fallback=reasons)
 
 
 class Predictor(ABC):
@@ -58,8 +94,8 @@ class Predictor(ABC):
     - numbers of any magnitude that a float holds: those of one obstacle do not spoil the
       forecast of another.
 
-    The last law is kept here for every subclass: its `predict` (and `Adaptive.update`) is
-    called with tracks and scene within the limits of
+    The last law is kept here for every subclass: its `predict` (and `filtered`, `ahead`,
+    `Adaptive.update`) is called with tracks and scene within the limits of
     `wideberth.framework.values.number_limits`, and the
     obstacles that were beyond them have that as their reason. Within these limits a method's own
     arithmetic must neither overflow nor divide by zero.
@@ -77,6 +113,8 @@ class Predictor(ABC):
         limits: dict[str, Callable[[Any], Any]] = {
             "predict": _predict_within,
             "update": _update_within,
+            "filtered": _filtered_within,
+            "ahead": _ahead_within,
         }
         for name, within in limits.items():
             method = cls.__dict__.get(name)
@@ -86,6 +124,62 @@ class Predictor(ABC):
     @abstractmethod
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles ``steps`` steps of ``tracks.dt`` ahead."""
+
+    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        """Return what a filter knows of all obstacles, see `Filtering`; here nothing."""
+        return Beliefs.none()
+
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast from what is filtered, see `Filtering`; here what `predict` does."""
+        return self.predict(tracks, steps, scene)
+
+
+class Filtering(Predictor):
+    """A predictor that filters measurements, and goes on where it has come to.
+
+    Its `predict` is `ahead(filtered(tracks), tracks, ...)`, a pure function of the tracks. Who
+    forecasts again and again keeps what `filtered` returned and gives it back as ``before``: a
+    cache that saves filtering old measurements again. Laws, beside those of `Predictor`:
+
+    - with ``before`` of earlier tracks the forecast is the one without, but for rounding and for
+      measurements that the tracks no longer hold;
+    - it does not matter how often and when `filtered` was called before;
+    - a belief is used only where its log is in the tracks' sightings (`Beliefs.continued`);
+    - sightings on the grid give the forecast of the grid.
+
+    Measurements are filtered at their own times (`Tracks.measured`), so that a brief sighting
+    between two instants of the grid counts.
+    """
+
+    @abstractmethod
+    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        """Return what is known of all obstacles after their newest measurements.
+
+        Parameters
+        ----------
+        tracks : of the obstacles.
+        before : what an earlier call returned, on this predictor or a copy that `Adaptive.update`
+            made of it.
+        """
+
+    @abstractmethod
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles ``steps`` steps of ``tracks.dt`` ahead.
+
+        Parameters
+        ----------
+        beliefs : what `filtered` returned for these tracks.
+        tracks, steps, scene : as for `predict`.
+        """
+
+    @final
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        """Forecast all obstacles; see `Predictor.predict`."""
+        return self.ahead(self.filtered(tracks), tracks, steps, scene)
 
 
 class Fittable(Predictor):
@@ -111,7 +205,20 @@ class Adaptive(Predictor):
 
     @abstractmethod
     def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
-        """Return a copy that has learnt from the newest samples.
+        """Return a copy that has learnt from the newest measurements.
 
         ``scene`` is what `predict` will be given next, for the forecasts made to be judged.
+        """
+
+
+class AdaptiveFiltering(Adaptive, Filtering):
+    """A predictor that adapts while it runs, and filters once for `update` and `ahead`."""
+
+    @abstractmethod
+    def update(
+        self, tracks: Tracks, scene: Scene | None = None, beliefs: Beliefs | None = None
+    ) -> Self:
+        """Return a copy that has learnt from the newest measurements; see `Adaptive.update`.
+
+        ``beliefs`` are what `filtered` returned for these tracks; without them it filters itself.
         """

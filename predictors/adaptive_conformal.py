@@ -3,21 +3,34 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self, final
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Self, final
 
 import numpy as np
 
-from ..framework.predictor import Adaptive, Fittable, Predictor
+from ..framework.predictor import Adaptive, AdaptiveFiltering, Fittable, Predictor
 from ..framework.tracking.windows import Windows, windows_of
-from ..framework.values.arrays import Array, checked, positive, probability, whole
+from ..framework.values.arrays import (
+    Array,
+    BoolArray,
+    altered,
+    checked,
+    positive,
+    probability,
+    whole,
+)
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.coverage import Coverage, Event
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from ..metrics.episode import content_bound
+from ..metrics.episode import SMALLEST, content_bound
 from ..metrics.scoring import reached_tail
-from .core.calibration import replayed, same_step, scaled, squared_distances
-from .core.history import FILTERED, Histories, IntArray, gather
+from .core.assembly import more_modes
+from .core.calibration import followed, same_step, scaled, squared_distances
+from .core.history import LONGEST_GAP, IntArray, gather
+from .core.kalman_filter import whitened
+from .core.wrapping import Wrapping
 from .corrected import Corrected, thinned
 from .interacting_models import InteractingModels
 
@@ -27,6 +40,8 @@ EARLY = 0.9
 """Steps after which the next forecast is stated: stamps that jitter must not skip every other."""
 FEWEST, CLASS = 100, 100
 """Windows that a fit needs in all, and a class for scales of its own."""
+BRIDGE = 2.5
+"""Steps, longest pause between two measurements between which the truth is on a straight line."""
 LIMIT = 12.0
 """Largest |log scale|: a factor of 400 in lengths. It stops the drift to 0 where a forecast
 never misses (all people stand still), from which the scale would need long to come back."""
@@ -40,13 +55,15 @@ class Pending:
     ----------
     stamp : s, of the newest sample that it was made from.
     ids : of the obstacles.
-    kind : class of each.
+    kind : (O,), class of each.
+    judged : (O,), steps of each that were compared with the truth, or for which there was none.
     mean, covariance, weight : as in `Forecast`, covariances as stated, scale and all.
     """
 
     stamp: float
     ids: tuple[str, ...]
-    kind: tuple[int, ...]
+    kind: Any
+    judged: Any
     mean: Any
     covariance: Any
     weight: Any
@@ -54,6 +71,8 @@ class Pending:
     def __post_init__(self) -> None:
         for name in ("mean", "covariance", "weight"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+        for name in ("kind", "judged"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +93,58 @@ class Online:
     log_scale: tuple[float, ...]
     pending: tuple[Pending, ...] = ()
 
+    @cached_property
+    def scale(self) -> Array:
+        """Of the covariance of each step, (C * N,)."""
+        return np.exp(self.log_scale)
+
+
+class _Looks(NamedTuple):
+    """Forecasts of one obstacle at one step that have fallen due, R of them.
+
+    Attributes
+    ----------
+    row : (R,), of the obstacle in the tracks. time : (R,), s, when they were due.
+    kind, step : (R,). mean, covariance, weight : as in `Forecast`, without the steps.
+    """
+
+    row: IntArray
+    time: Array
+    kind: IntArray
+    step: IntArray
+    mean: Array
+    covariance: Array
+    weight: Array
+
+    @classmethod
+    def of(
+        cls, looks: Sequence[tuple[Pending, IntArray, IntArray, IntArray]], dt: float
+    ) -> "_Looks":
+        """Put them together: forecasts, rows in the tracks, rows in the forecast, and steps."""
+        row, step = (np.concatenate([look[k] for look in looks]) for k in (1, 3))
+        begin = np.repeat([one.stamp for one, *_ in looks], [len(rows) for _, rows, *_ in looks])
+        kind = np.concatenate([one.kind[index] for one, _, index, _ in looks])
+        parts = [
+            (one.mean[index, :, at], one.covariance[index, :, at], one.weight[index])
+            for one, _, index, at in looks
+        ]
+        modes = max(part[2].shape[1] for part in parts)
+        if modes > 1:
+            parts = [
+                (
+                    more_modes(mean, modes),
+                    more_modes(spread, modes),
+                    more_modes(share, modes, True),
+                )
+                for mean, spread, share in parts
+            ]
+        mean, covariance, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return cls(row, begin + dt * (step + 1), kind, step, mean, covariance, weight)
+
 
 @final
 @dataclass(frozen=True)
-class AdaptiveConformal(Adaptive, Fittable):
+class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
     """Scales the covariances of a base predictor online, from the errors observed so far.
 
     Sigma_h -> exp(l_ch) Sigma_h,   l_ch <- l_ch + rate * sum_i (miss_i - tail) / sqrt(n)
@@ -101,11 +168,12 @@ class AdaptiveConformal(Adaptive, Fittable):
     long-run rate per class and step; it says nothing of a single moment, of all steps
     together, or of an episode.
 
-    `update` makes the forecasts that it will judge: those of all obstacles seen at the newest
-    sample (for ``observed`` samples in a row), so that the rate is one of all that a planner is
-    given. Truth is looked up by identity at the time it falls due (linear between two samples
-    where updates come off the grid) and lost if the obstacle is not there. A clock that goes back
-    or another dt starts anew. On another time grid scales are interpolated.
+    `update` makes the forecasts that it will judge: those of all obstacles measured within the
+    newest step (and for ``observed`` samples in a row), so that the rate is one of all that a
+    planner is given. Each obstacle is judged once a measurement of its own reaches the time at
+    which a step falls due, there or on the line between two measurements, and not where they are
+    more than 2.5 steps apart. A clock that goes back or another dt starts anew. On another time
+    grid scales are interpolated.
 
     Without a fit it starts from l = 0. `fit` fits the base and starts from where the recordings
     would have l: the logarithm of the (1 - tail) quantile of the squared Mahalanobis distances
@@ -193,10 +261,10 @@ class AdaptiveConformal(Adaptive, Fittable):
         for scene, windows in zip(dataset, found, strict=True):
             some = thinned(windows)
             if len(some):
-                mean, covariance, weight = replayed(base, scene, some, FILTERED)
+                mean, covariance, weight = followed(base, scene, some)
                 scores.append(squared_distances(mean, covariance, weight, some.future))
-                past = gather(_with_past(scene, some))
-                kinds.append(self._kinds(mean, weight, past, scene.dt))
+                newest, new = some.tracks.positions[:, -1], _appeared(scene, some)
+                kinds.append(self._kinds(mean, weight, newest, new, scene.dt))
                 weights.append(np.full(len(some), 1.0 / len(some)))
         limit = content_bound(dataset[0].dimension, self.tail)
         start = _starts(
@@ -208,59 +276,77 @@ class AdaptiveConformal(Adaptive, Fittable):
         )
         return replace(self, base=base, state=None, start=start, start_dt=dataset[0].dt)
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
-        return self._stated(tracks, steps, scene)[0]
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        return self._stated(beliefs, tracks, steps, scene)[0]
 
     def _stated(
-        self, tracks: Tracks, steps: int, scene: Scene | None
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None
     ) -> tuple[Forecast, IntArray]:
         """Return the scaled forecast and the class of each obstacle."""
-        forecast = self.base.predict(tracks, steps, scene)
-        kinds = self._kinds(forecast.mean, forecast.weight, gather(tracks), tracks.dt)
+        forecast = self.base.ahead(beliefs, tracks, steps, scene)
+        count = beliefs.count if len(beliefs) else gather(tracks).samples
+        newest = gather(tracks, length=1).origin if steps == 1 else forecast.mean[:, 0, 0]
+        kinds = self._kinds(forecast.mean, forecast.weight, newest, count == 1, tracks.dt)
         if self.state is not None:
-            known, dt = self.state.log_scale, self.state.dt
+            scale, dt = self.state.scale, self.state.dt
         elif self.start is not None and self.start_dt is not None:
-            known, dt = self.start, self.start_dt
+            scale, dt = np.exp(self.start), self.start_dt
         else:
             return forecast, kinds
-        table = np.exp(known).reshape(self.classes, self.steps)
-        return scaled(forecast, table[kinds], dt, tracks), kinds
+        return scaled(forecast, scale.reshape(self.classes, -1)[kinds], dt, tracks), kinds
 
-    def _kinds(self, mean: Array, weight: Array, past: Histories, dt: float) -> IntArray:
-        """Class of each obstacle, (O,), from its forecast and its history."""
+    def _kinds(
+        self, mean: Array, weight: Array, newest: Array, appeared: BoolArray, dt: float
+    ) -> IntArray:
+        """Class of each obstacle, (O,), from its forecast.
+
+        Parameters
+        ----------
+        mean, weight : of the forecast.
+        newest : (O, D), m, newest position; used where a forecast has one step.
+        appeared : (O,), who has a single sample.
+        dt : s.
+        """
         centre = np.einsum("om,omnd->ond", weight, mean[:, :, :2])
-        if centre.shape[1] == 1:
-            centre = np.stack([past.origin, centre[:, 0]], axis=1)
-        speed = np.linalg.norm(centre[:, -1] - centre[:, 0], axis=1) / dt
+        moved = centre[:, -1] - (newest if centre.shape[1] == 1 else centre[:, 0])
+        speed = np.sqrt((moved**2).sum(axis=1)) / dt
         kinds = np.searchsorted(np.array(self.speeds), speed, side="right")
-        appeared = past.samples == 1
         return np.where(appeared, len(self.speeds) + 1, kinds).astype(np.int64)
 
-    def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
+    def update(
+        self, tracks: Tracks, scene: Scene | None = None, beliefs: Beliefs | None = None
+    ) -> Self:
         """Learn from forecasts that have fallen due, then forecast; see `Adaptive.update`."""
+        beliefs = self.filtered(tracks) if beliefs is None else beliefs
         base = self.base
-        if isinstance(base, Adaptive):
+        if isinstance(base, AdaptiveFiltering):
+            base = base.update(tracks, scene, beliefs)
+        elif isinstance(base, Adaptive):
             base = base.update(tracks, scene)
         state = self._learnt(tracks)
-        learnt = replace(self, base=base, state=state)
+        learnt = altered(self, base=base, state=state)
         last = state.pending[-1].stamp if state.pending else -np.inf
         if tracks.stamp - last < EARLY * tracks.dt - _slack(tracks):
             return learnt
-        most = math.ceil(self.steps / EARLY)
-        pending = (*state.pending, learnt._made(tracks, scene))[-most:]
-        return replace(learnt, state=replace(state, pending=pending))
+        most = math.ceil((self.steps + BRIDGE) / EARLY)
+        pending = (*state.pending, learnt._made(beliefs, tracks, scene))[-most:]
+        return altered(learnt, state=altered(state, pending=pending))
 
-    def _made(self, tracks: Tracks, scene: Scene | None) -> Pending:
+    def _made(self, beliefs: Beliefs, tracks: Tracks, scene: Scene | None) -> Pending:
         """State a forecast of the obstacles that count."""
-        recent = tracks.positions[:, -self.observed :]
-        seen = np.isfinite(recent).all(axis=(1, 2)) & (recent.shape[1] == self.observed)
-        index = [int(i) for i in np.flatnonzero(seen)]
-        forecast, kinds = self._stated(tracks, self.steps, scene)
+        seen = tracks.lag < tracks.dt - _slack(tracks)
+        if self.observed > 1:
+            seen &= _in_a_row(tracks, self.observed)
+        index = np.flatnonzero(seen & (tracks.measured.count > 0))
+        forecast, kinds = self._stated(beliefs, tracks, self.steps, scene)
         return Pending(
             tracks.stamp,
-            tuple(tracks.ids[i] for i in index),
-            tuple(kinds[index].tolist()),
+            tracks.ids if len(index) == len(tracks) else tuple(tracks.ids[i] for i in index),
+            kinds[index],
+            np.zeros(len(index)),
             forecast.mean[index],
             forecast.covariance[index],
             forecast.weight[index],
@@ -277,26 +363,53 @@ class AdaptiveConformal(Adaptive, Fittable):
             or len(state.log_scale) != self.classes * self.steps
         ):
             return Online(tracks.stamp, tracks.dt, self.first(tracks.dt))
-        balance = np.zeros((self.classes, self.steps))
-        count = np.zeros_like(balance)
-        place = {ident: index for index, ident in enumerate(tracks.ids)}
-        for one in state.pending:
-            first = self._due(state.stamp - one.stamp + slack, state.dt)
-            last = self._due(tracks.stamp - one.stamp + slack, state.dt)
-            for step in range(first, last):
-                kinds, missed = self._missed(one, step, tracks, place)
-                np.add.at(balance[:, step], kinds, missed - self.tail)
-                np.add.at(count[:, step], kinds, 1.0)
-        change = self.rate * balance / np.sqrt(np.maximum(count, 1.0))
-        log_scale = state.log_scale + change.ravel()
-        bounded = np.clip(log_scale, -LIMIT, LIMIT).tolist()
-        horizon = tracks.stamp - self.steps * state.dt + slack
-        waiting = tuple(one for one in state.pending if one.stamp > horizon)
-        return Online(tracks.stamp, state.dt, tuple(bounded), waiting)
+        pending, looks = self._due(state, tracks)
+        horizon = tracks.stamp - (self.steps + BRIDGE) * state.dt + slack
+        waiting = tuple(
+            one for one in pending if one.stamp > horizon and (one.judged < self.steps).any()
+        )
+        log_scale = state.log_scale
+        if looks is not None:
+            log_scale = self._weighed(log_scale, looks, _truth(tracks, looks))
+        return Online(tracks.stamp, state.dt, log_scale, waiting)
 
-    def _due(self, elapsed: float, dt: float) -> int:
-        """Return how many steps of a forecast have fallen due, whatever the clock has done."""
-        return int(min(max(elapsed / dt, 0.0), self.steps))
+    def _due(self, state: Online, tracks: Tracks) -> tuple[list[Pending], _Looks | None]:
+        """Return the pending forecasts with what is judged now, and what that is."""
+        newest = tracks.measured.newest + (tracks.stamp - tracks.clock)
+        stamps = np.array([one.stamp for one in state.pending])
+        with np.errstate(over="ignore"):  # after leaps of the clock
+            elapsed = (newest - stamps[:, None] + _slack(tracks)) / state.dt
+        known = np.minimum(np.maximum(elapsed, 0.0), self.steps).astype(np.int64)
+        place, everybody = None, np.arange(len(tracks))
+        pending: list[Pending] = []
+        looks: list[tuple[Pending, IntArray, IntArray, IntArray]] = []
+        for one, due in zip(state.pending, known, strict=True):
+            rows = everybody
+            if one.ids != tracks.ids:
+                place = place or {ident: row for row, ident in enumerate(tracks.ids)}
+                rows = np.array([place.get(ident, -1) for ident in one.ids], dtype=np.int64)
+                due = np.append(due, 0)[rows]
+            judged, index = one.judged, np.flatnonzero(due > one.judged)
+            while index.size:
+                looks.append((one, rows[index], index, judged[index]))
+                judged = np.minimum(judged + 1, np.maximum(due, one.judged))
+                index = np.flatnonzero(due > judged)
+            pending.append(one if judged is one.judged else altered(one, judged=judged))
+        return pending, _Looks.of(looks, state.dt) if looks else None
+
+    def _weighed(
+        self, log_scale: tuple[float, ...], looks: _Looks, truth: Array
+    ) -> tuple[float, ...]:
+        """Return the scales after forecasts met the truth, (R, D), NaN where it is unknown."""
+        known = np.isfinite(truth).all(axis=1)
+        with np.errstate(all="ignore"):  # a distance beyond all numbers is a miss
+            missed = _missed(looks, truth, self.tail)[known]
+        cell = (looks.kind * self.steps + looks.step)[known]
+        size = self.classes * self.steps
+        balance = np.bincount(cell, missed - self.tail, size)
+        count = np.bincount(cell, minlength=size)
+        change = self.rate * balance / np.sqrt(np.maximum(count, 1.0))
+        return tuple(np.clip(log_scale + change, -LIMIT, LIMIT).tolist())
 
     def first(self, dt: float) -> tuple[float, ...]:
         """Log scales before anything was seen to happen."""
@@ -307,31 +420,60 @@ class AdaptiveConformal(Adaptive, Fittable):
         rows = [np.interp(dt * grid, self.start_dt * grid, row) for row in learnt]
         return tuple(np.concatenate(rows).tolist())
 
-    def _missed(
-        self, one: Pending, step: int, tracks: Tracks, place: dict[str, int]
-    ) -> tuple[IntArray, Array]:
-        """Class of each obstacle known at the due time, and 1 where it lay outside, else 0."""
-        mine = [i for i, ident in enumerate(one.ids) if ident in place]
-        theirs = [place[one.ids[i]] for i in mine]
-        truth = _position(tracks, one.stamp + (step + 1) * tracks.dt)[theirs]
-        known = np.isfinite(truth).all(axis=1)
-        rows = np.array(mine, dtype=np.int64)[known]
-        with np.errstate(all="ignore"):  # a distance beyond all numbers is a miss
-            tails = reached_tail(
-                one.mean[rows, :, step : step + 1],
-                one.covariance[rows, :, step : step + 1],
-                one.weight[rows],
-                truth[known, None],
-            )
-        kinds = np.array(one.kind, dtype=np.int64)[rows]
-        return kinds, np.asarray(tails[:, 0] < self.tail, dtype=np.float64)
+
+def _missed(looks: _Looks, truth: Array, tail: float) -> Array:
+    """Return 1 where the truth, (R, D), lay outside of the region that was stated, else 0."""
+    if looks.mean.shape[1] > 1:
+        mean, covariance = looks.mean[:, :, None], looks.covariance[:, :, None]
+        inside = reached_tail(mean, covariance, looks.weight, truth[:, None])[:, 0] >= tail
+    else:
+        size = truth.shape[1]
+        spread = looks.covariance[:, 0] + SMALLEST * np.eye(size)
+        gap = np.einsum(
+            "abr,rb->ar", whitened(spread.transpose(1, 2, 0)), truth - looks.mean[:, 0]
+        )
+        inside = (gap**2).sum(axis=0) <= content_bound(size, tail)
+    return np.where(inside, 0.0, 1.0)
 
 
-def _with_past(scene: Tracks, windows: Windows) -> Tracks:
-    """Tracks of windows with what was seen before them, as far back as filters look."""
-    rows = windows.row[:, None] + np.arange(1 - FILTERED, 1)
+def _truth(tracks: Tracks, looks: _Looks) -> Array:
+    """Where obstacles were when forecasts of them were due, (R, D), m; NaN where unknown."""
+    measured, slack = tracks.measured, _slack(tracks)
+    time = looks.time + (tracks.clock - tracks.stamp)
+    truth = np.full((len(time), tracks.dimension), np.nan)
+    now = np.abs(tracks.clock - time) <= slack
+    truth[now] = tracks.positions[looks.row[now], -1]
+    rest = np.flatnonzero(~now)
+    for row in np.unique(looks.row[rest]):
+        mine = rest[looks.row[rest] == row]
+        times, places = measured.times[row], measured.values[row][:, : measured.size]
+        after = np.minimum(times.searchsorted(time[mine] - slack), len(times) - 1)
+        before = np.maximum(after - 1, 0)
+        width = times[after] - times[before]
+        share = np.where(width > 0, (times[after] - time[mine]) / np.maximum(width, slack), 0.0)
+        share = np.where(np.abs(share) * width <= slack, 0.0, share)
+        exact = np.abs(times[after] - time[mine]) <= slack
+        known = exact | ((width > 0) & (share <= 1.0) & (width <= BRIDGE * tracks.dt))
+        line = places[after] - share[:, None] * (places[after] - places[before])
+        truth[mine] = np.where(known[:, None], line, np.nan)
+    return truth
+
+
+def _in_a_row(tracks: Tracks, number: int) -> BoolArray:
+    """Whether each obstacle has so many samples in a row, (O,), up to one of the last two rows."""
+    seen = np.isfinite(tracks.positions).all(axis=2)
+    late = np.zeros((len(tracks), number), dtype=np.bool_)
+    seen = np.concatenate([late, seen], axis=1)
+    now, before = seen[:, -number:], seen[:, -number - 1 : -1]
+    return np.asarray(np.where(now[:, -1], now.all(axis=1), before.all(axis=1)), dtype=np.bool_)
+
+
+def _appeared(scene: Tracks, windows: Windows) -> BoolArray:
+    """Whose newest sample in a window is the first since a long gap, (W,)."""
+    rows = windows.row[:, None] + np.arange(-LONGEST_GAP - 1, 0)
     before = scene.positions[windows.obstacle[:, None], np.maximum(rows, 0)]
-    return replace(windows.tracks, positions=np.where((rows >= 0)[..., None], before, np.nan))
+    seen = np.isfinite(before).all(axis=2) & (rows >= 0)
+    return np.asarray(~seen.any(axis=1), dtype=np.bool_)
 
 
 def _starts(
@@ -356,23 +498,3 @@ def _quantile(values: Array, weights: Array, share: float) -> float:
 def _slack(tracks: Tracks) -> float:
     """Seconds by which a time may miss another: a clock that counts since 1970 is coarse."""
     return max(ON_GRID * tracks.dt, 4.0 * float(np.spacing(abs(tracks.stamp))))
-
-
-def _position(tracks: Tracks, time: float) -> Array:
-    """Where each obstacle was at a time up to the newest sample, (O, D); NaN if not known."""
-    rows = tracks.positions.shape[1]
-    place = min(rows - 1 - (tracks.stamp - time) / tracks.dt, rows - 1.0)
-    if not place > -1.0:  # also where a clock has made the difference infinite
-        return np.full((len(tracks), tracks.dimension), np.nan)
-    nearest = round(place)
-    if abs(place - nearest) * tracks.dt <= _slack(tracks):
-        place = float(nearest)
-    below = int(np.floor(place))
-    if below < 0:
-        return np.full((len(tracks), tracks.dimension), np.nan)
-    share = place - below
-    if share == 0.0:
-        return np.asarray(tracks.positions[:, below])
-    return np.asarray(
-        (1 - share) * tracks.positions[:, below] + share * tracks.positions[:, below + 1]
-    )

@@ -10,18 +10,20 @@ from ..framework.calibration import Calibration, CalibrationScores, MomentCalibr
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import same_dimension
 from ..framework.values.arrays import probability, whole
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.coverage import Coverage
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .calibrations.per_step import PerStep
 from .core.assembly import refuse_adaptive
 from .core.calibration import Scales, known_scales, same_step, scaled, scored, scored_in_time
+from .core.wrapping import Wrapping
 from .empirical import Empirical
 
 
 @final
 @dataclass(frozen=True)
-class Conformal(Fittable):
+class Conformal(Wrapping, Fittable):
     """Scales the covariances of a base predictor so that regions keep a promise.
 
     Sigma_h -> s_h Sigma_h,   s_h = q_h / q_D
@@ -124,9 +126,11 @@ class Conformal(Fittable):
         own = [number for number, (scene, track) in enumerate(pairs) if track in owned[scene]]
         return base, scores.select(own)
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
-        forecast = self.base.predict(tracks, steps, scene)
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        forecast = self.base.ahead(beliefs, tracks, steps, scene)
         if self.fitted is None:
             return forecast
         return scaled(forecast, np.array(self.fitted.scale), self.fitted.dt, tracks)

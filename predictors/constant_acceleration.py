@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.predictor import Fittable
+from ..framework.predictor import Filtering, Fittable
 from ..framework.values.arrays import Array, positive
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.history import FILTERED, gather, measurement_noise
-from .core.kalman_filter import AxisModel, filter_axes, roll_out
+from .core.kalman_filter import Motion, Start, Step, filtered, forecast
 from .core.pattern_search import fit_numbers
+from .kalman import tracked_of
 
 SCALED = ({"acceleration": 1.0, "noise_floor": 1.0},)
 """What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
@@ -22,7 +23,7 @@ out of the fit were forecast worse, as noise against motion is a matter of each 
 
 @final
 @dataclass(frozen=True)
-class ConstantAcceleration(Fittable):
+class ConstantAcceleration(Filtering, Fittable):
     """A Kalman filter on position, velocity and an acceleration that decays.
 
     da = -a / tau dt + dw,   E[a^2] = sigma^2 per axis in the long run
@@ -34,9 +35,9 @@ class ConstantAcceleration(Fittable):
     accelerate for a step or two, not for 5 s. With tau far below dT the model is `kalman`
     with acceleration_density 2 sigma^2 tau.
 
-    It starts at the oldest sample used with velocity 0 and acceleration 0 and
-    P = blkdiag(R, speed^2 I, sigma^2 I). Missing samples are predicted over. The forecast's
-    joint covariance is exact for the model; one sample is enough.
+    It starts at the first measurement with velocity 0 and acceleration 0 and
+    P = blkdiag(R, speed^2 I, sigma^2 I), and goes on as `Kalman`, a tracker's numbers included.
+    The forecast's joint covariance is exact for the model; one measurement is enough.
 
     `fit` scales ``acceleration`` and ``noise_floor`` alike (`fit_numbers`).
 
@@ -72,45 +73,77 @@ class ConstantAcceleration(Fittable):
         """Return a copy fitted by `fit_numbers`; see `Fittable.fit`."""
         return fit_numbers(self, SCALED, dataset)
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
-        past = gather(tracks, length=FILTERED)
-        noise = measurement_noise(tracks, self.noise_floor)
-        model = _model(tracks.dt, self.acceleration, self.time_constant, self.speed)
-        filtered = filter_axes(past, noise, model)
-        return roll_out(filtered, model, past, tracks, steps, "constant_acceleration")
+    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        """Return the state of all obstacles; see `Filtering.filtered`."""
+        return filtered(tracks, before, self._motion, self.noise_floor)
+
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        start = Start.of(beliefs, tracks, self._motion, tracked_of(beliefs, tracks))
+        return forecast(start, self._motion, tracks, steps, "constant_acceleration")
+
+    @cached_property
+    def _motion(self) -> "DecayingAcceleration":
+        return DecayingAcceleration(self.acceleration, self.time_constant, self.speed)
 
 
-@lru_cache(maxsize=16)
-def _model(dt: float, acceleration: float, time_constant: float, speed: float) -> AxisModel:
-    """Return the model of an axis, the same object for the same numbers."""
-    start = np.array([speed**2, acceleration**2])
-    return AxisModel(*singer(dt, acceleration, time_constant), start)
+@dataclass(frozen=True)
+class DecayingAcceleration(Motion):
+    """Position, velocity and an acceleration that decays, a single mode; see `singer`.
 
-
-def singer(dt: float, acceleration: float, time_constant: float) -> tuple[Array, Array]:
-    """Transition and process covariance of (p, v, a) of one axis, (3, 3) each.
-
-    f = [[1, dT, c_1(dT)], [0, 1, c_2(dT)], [0, 0, c_3(dT)]],
-    q = 2 sigma^2 / tau * integral from 0 to dT of c(t) c(t)' dt,
-
-    with x = t / tau and c(t) = (t^2 phi_2(x), t phi_1(x), exp(-x)), what a unit acceleration
-    has done after t. The integral is summed by Gauss and Legendre's rule, a sum of squares:
-    positive semi-definite where the textbook's closed form loses all digits (dT << tau).
+    Parameters
+    ----------
+    acceleration : m/s^2. time_constant : s. speed : m/s, deviation of the first velocity.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(24)
-    times = 0.5 * dt * (nodes + 1.0)
-    effect = _effect(times, time_constant)
-    density = 2.0 * acceleration**2 / time_constant
-    process = density * 0.5 * dt * (effect * weights) @ effect.T
-    transition = np.eye(3)
-    transition[0, 1] = dt
-    transition[:, 2] = _effect(np.array([dt]), time_constant)[:, 0]
+
+    acceleration: float
+    time_constant: float
+    speed: float
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """See `Motion.start`."""
+        return (self.speed**2, self.acceleration**2)
+
+    @property
+    def usual(self) -> tuple[float, ...]:
+        """See `Motion.usual`."""
+        return (1.0,)
+
+    def step(self, times: Array) -> Step:
+        """See `Motion.step`."""
+        transition, process = singer(times, self.acceleration, self.time_constant)
+        return Step(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
+
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
+"""Gauss and Legendre's rule on [-1, 1]."""
+
+
+def singer(times: Array, acceleration: float, time_constant: float) -> tuple[Array, Array]:
+    """Transition and process covariance of (p, v, a) of one axis in times (L,), (3, 3, L) each.
+
+    f = [[1, t, c_1(t)], [0, 1, c_2(t)], [0, 0, c_3(t)]],
+    q = 2 sigma^2 / tau * integral from 0 to t of c(u) c(u)' du,
+
+    with x = u / tau and c(u) = (u^2 phi_2(x), u phi_1(x), exp(-x)), what a unit acceleration
+    has done after u. The integral is summed by Gauss and Legendre's rule, a sum of squares:
+    positive semi-definite where the textbook's closed form loses all digits (t << tau).
+    """
+    effect = _effect(0.5 * times * (NODES[:, None] + 1.0), time_constant)
+    density = acceleration**2 / time_constant
+    process = density * times * np.einsum("anl,n,bnl->abl", effect, WEIGHTS, effect)
+    transition = np.zeros((3, 3, len(times)))
+    transition[0, 0] = transition[1, 1] = 1.0
+    transition[0, 1] = times
+    transition[:, 2] = _effect(times, time_constant)
     return transition, np.asarray(process)
 
 
 def _effect(times: Array, time_constant: float) -> Array:
-    """Position, velocity and acceleration after a unit acceleration at time 0, (3, T)."""
+    """Position, velocity and acceleration after a unit acceleration at time 0, (3, ...)."""
     x = times / time_constant
     first = -np.expm1(-x) / x
     # phi_2 = (1 - phi_1) / x cancels for small x; its series 1/2 - x/6 + x^2/24 - ...

@@ -7,20 +7,22 @@ The batch axis is the first one of every array, and the last one in memory (`_co
 over five components then run along memory, where NumPy is fast.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.predictor import Predictor
+from ..framework.predictor import Filtering, Predictor
 from ..framework.values.arrays import Array, positive
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
-from ..framework.values.tracks import Tracks
+from ..framework.values.measurements import NO_LOG, IntArray
+from ..framework.values.tracks import ON_GRID, Tracks
 from .constant_acceleration import singer
 from .core.assembly import Gaussians, with_fallback
-from .core.history import FILTERED, Histories, IntArray, gather, measurement_noise
-from .core.propagation import after, cut_steps, white_acceleration
+from .core.kalman_filter import PAUSE, floored, in_steps, rounds
+from .core.propagation import white_steps
 from .kalman import Kalman
 
 STATES = 5
@@ -34,20 +36,20 @@ class TurnModel:
 
     Attributes
     ----------
-    dt : s.
-    speed_process : (2, 2), covariance of what noise adds to (way along the heading, speed).
-    turn_transition : (2, 2), of (heading, yaw rate): [[1, c], [0, e]]. A lasting yaw rate has
+    times : (L,), s, of the steps: one for each of L bodies, or L = 1 for all of them.
+    speed_process : (2, 2, L), covariance of what noise adds to (way along the heading, speed).
+    turn_transition : (2, 2, L), of (heading, yaw rate): [[1, c], [0, e]]. A lasting yaw rate has
         c = dT and e = 1.
-    turn_process : (2, 2), covariance of what noise adds to (heading, yaw rate).
+    turn_process : (2, 2, L), covariance of what noise adds to (heading, yaw rate).
     """
 
-    dt: float
+    times: Array
     speed_process: Array
     turn_transition: Array
     turn_process: Array
 
     def moved(self, state: Array) -> Array:
-        """States (..., 5) one step on, without noise.
+        """States (..., B, 5) one step on, without noise.
 
         With u = c omega / 2, half of the turn, the chord of the arc is v dT sin(u) / u long
         and leads along theta + u: the textbook's v / omega (sin(theta + omega dT) - sin(theta))
@@ -55,7 +57,7 @@ class TurnModel:
         """
         turn, kept = self.turn_transition[:, 1]
         half = 0.5 * turn * state[..., 4]
-        chord = self.dt * state[..., 3] * _sinc(half)
+        chord = self.times * state[..., 3] * _sinc(half)
         after = np.array(state)
         after[..., 0] += chord * np.cos(state[..., 2] + half)
         after[..., 1] += chord * np.sin(state[..., 2] + half)
@@ -71,7 +73,7 @@ class TurnModel:
         noise[:2, :2] = way * along[:, None] * along
         noise[:2, 3] = noise[3, :2] = both * along
         noise[3, 3] = speed
-        noise[2::2, 2::2] = self.turn_process[..., None]
+        noise[2::2, 2::2] = self.turn_process
         return np.moveaxis(noise, 2, 0)
 
 
@@ -98,15 +100,15 @@ def unscented_step(
     regression of the points after the step on those before it.
     """
     root = floored_root(covariance)
-    offsets = np.sqrt(STATES) * root.swapaxes(1, 2)
-    points = model.moved(state[:, None] + np.stack([offsets, -offsets]))
-    mean = points.sum(axis=(0, 2)) / (2 * STATES)
+    offsets = np.sqrt(STATES) * root.transpose(2, 0, 1)
+    points = model.moved(state + np.stack([offsets, -offsets]))
+    mean = points.sum(axis=(0, 1)) / (2 * STATES)
     centre = model.moved(state) - mean
-    gaps = points - mean[:, None]
-    spread = np.einsum("cbki,cbkj->bij", gaps, gaps) / (2 * STATES)
+    gaps = points - mean
+    spread = np.einsum("ckbi,ckbj->bij", gaps, gaps) / (2 * STATES)
     spread += SPREAD_WEIGHT * centre[:, :, None] * centre[:, None, :]
     # Cov(before, after) = L G with G the halved differences, so that A' = (L L')^-1 L G.
-    slope = (points[0] - points[1]) * (0.5 / np.sqrt(STATES))
+    slope = ((points[0] - points[1]) * (0.5 / np.sqrt(STATES))).swapaxes(0, 1)
     for k in reversed(range(STATES)):
         slope[:, k] -= np.einsum("bj,bji->bi", root[:, k + 1 :, k], slope[:, k + 1 :])
         slope[:, k] /= root[:, k, k, None]
@@ -164,43 +166,10 @@ def _inverse(matrix: Array) -> Array:
     return np.moveaxis(adjugate / np.maximum(product - cross**2, 1e-14 * product), 2, 0)
 
 
-def filter_turns(
-    past: Histories, noise: Array, start: tuple[Array, Array], model: TurnModel
-) -> tuple[Array, Array, Array]:
-    """States (O, 5) and covariances (O, 5, 5) at the newest observed samples, and the fit.
-
-    The fit is the mean of y' S^-1 y / 2 over all samples after the first one, (O,): 1 where
-    the model is true.
-
-    Parameters
-    ----------
-    past : histories in the plane; missing samples are predicted over.
-    noise : (O, 2, 2), m^2, of one measurement.
-    start : states and covariances at the first samples.
-    """
-    first, wide = _columns(start[0]), _columns(start[1])
-    noise, places = _columns(noise), _columns(past.positions)
-    state, covariance = first, wide
-    total, used = np.zeros(len(state)), np.zeros(len(state))
-    for column in range(past.positions.shape[1]):
-        ahead, spread, _ = unscented_step(state, covariance, model)
-        state, covariance, surprise = position_update(ahead, spread, places[:, column], noise)
-        seen, fresh = past.observed[:, column], column <= past.began
-        total += np.where(seen & ~fresh, surprise, 0.0)
-        used += seen & ~fresh
-        if not seen.all():
-            state = np.where(seen[:, None], state, ahead)
-            covariance = np.where(seen[:, None, None], covariance, spread)
-        if fresh.any():
-            state = np.where(fresh[:, None], first, state)
-            covariance = np.where(fresh[:, None, None], wide, covariance)
-    return state, covariance, total / np.maximum(2.0 * used, 1.0)
-
-
 NEEDED = 3
-"""Samples: two give a heading, the third says whether it turns."""
+"""Measurements: two give a heading, the third says whether it turns."""
 CHORD = 3
-"""Steps between the two samples that give the first heading."""
+"""Steps between the two measurements that give the first heading."""
 FIRST_HEADING = 0.5
 """rad, standard deviation of the first heading beyond what the measurement noise explains."""
 UNKNOWN = np.pi**2 / 3
@@ -218,7 +187,7 @@ NOISE_FLOOR = 0.03
 
 @final
 @dataclass(frozen=True)
-class CoordinatedTurn(Predictor):
+class CoordinatedTurn(Filtering):
     """A Kalman filter on place, heading, speed and yaw rate, rolled out along the arc.
 
     x' = x + v dT sin(u)/u cos(theta + u),  u = omega dT / 2,   y' likewise with the sine,
@@ -232,12 +201,14 @@ class CoordinatedTurn(Predictor):
     It predicts by sigma points (`unscented_step`), while filtering and over the horizon alike.
     The joint covariance over the horizon is that of the chain of linear steps that they make.
 
-    It works in a frame of its own for each obstacle, along the chord of its first samples,
-    so that the forecast turns with the world; that chord is also the first heading and
-    speed. A tracker's ``state_covariance`` is not used: it knows neither heading nor yaw rate.
+    It takes each measurement at its own time, and works in a frame of its own for each obstacle,
+    along the chord from its first measurement to one 3 steps of the tracks later, so that the
+    forecast turns with the world; that chord is also the first heading and speed. After a pause
+    of more than 6 steps it begins anew. A tracker's ``state_covariance`` is not used: it knows
+    neither heading nor yaw rate.
 
     Left to ``fallback``, with the reason: three-dimensional tracks (the model is one of the
-    plane), fewer than 3 samples, an obstacle whose heading is not known to 0.3 rad at the
+    plane), fewer than 3 measurements, an obstacle whose heading is not known to 0.3 rad at the
     end, as of one that stands, and one whose squared innovations are 20 times too large.
 
     It is not fitted: by likelihood, the best numbers are those with which no heading is ever
@@ -273,62 +244,119 @@ class CoordinatedTurn(Predictor):
         for name in ("acceleration_density", "yaw_rate", "turn_time", "speed"):
             positive(f"coordinated_turn.{name}", getattr(self, name))
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
+    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        """Return place, heading, speed and yaw rate of all obstacles; see `Filtering.filtered`.
+
+        An obstacle whose chord is not known in full yet is filtered again the next time.
+        """
+        if tracks.dimension != 2:
+            return Beliefs.none()
+        sightings = tracks.measured
+        earlier = before or Beliefs.none()
+        first, newest, count, values = earlier.resumed(sightings, SHAPES)
+        if values is earlier.values:
+            return earlier
+        state, covariance, frame, origin, fit = values
+        log = list(sightings.log)
+        starts = _starts(tracks, first, newest, log)
+        for each in rounds(sightings, first, newest, np.inf):
+            fresh = np.isinf(each.lag)
+            noise = floored(each.noise, NOISE_FLOOR)
+            new = each.rows[fresh], each.place[fresh], noise[fresh]
+            for row, place, spread in zip(*new, strict=True):
+                begun = self._begun(starts[row], spread)
+                state[:, row], covariance[..., row], frame[..., row] = begun
+                origin[:, row], fit[:, row], count[row] = place, 0.0, 0
+            rows = each.rows[~fresh]
+            if rows.size:
+                axes = frame[..., rows].transpose(2, 0, 1)
+                place = np.einsum("oba,ob->oa", axes, (each.place[~fresh].T - origin[:, rows]).T)
+                turned = axes.swapaxes(1, 2) @ noise[~fresh] @ axes
+                ahead = self._carried(
+                    _first(state, rows), _first(covariance, rows), each.lag[~fresh], tracks.dt
+                )
+                after, spread, surprise = position_update(*ahead, place, turned)
+                state[:, rows], covariance[..., rows] = after.T, spread.transpose(1, 2, 0)
+                fit[0, rows] += surprise
+                fit[1, rows] += 1.0
+            newest[each.rows] = each.time
+            count[each.rows] += 1
+        return Beliefs(tuple(log), newest, count, values)
+
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
         count, size = len(tracks), tracks.dimension
-        mean, covariance = np.zeros((count, steps, size)), np.zeros((count, steps, size, size))
         reasons: tuple[str | None, ...] = (None,) * count
         if size != 2:
+            mean, covariance = np.zeros((count, steps, size)), np.zeros((count, steps, size, size))
             flat = [f"coordinated_turn: {size} coordinates, needs 2"] * count
             own = Gaussians(mean, covariance, reasons)
             return with_fallback(own, flat, self.fallback, tracks, scene)
-        past = gather(tracks, length=FILTERED)
-        frame = _frames(past)
-        model = self._model(tracks.dt)
-        state, start, fit = self._filter(past, frame, tracks, model)
-        ahead = steps + int(past.late.max(initial=0))
-        moved, spread = _roll_out(state, start, model, ahead)
+        state, covariance, frame, origin, fit = (
+            np.moveaxis(part, -1, 0) for part in beliefs.values
+        )
+        missing = self._missing(
+            beliefs.count, covariance, fit[:, 0] / np.maximum(2.0 * fit[:, 1], 1.0)
+        )
+        late = np.flatnonzero(tracks.lag)
+        if late.size:
+            state, covariance = state.copy(), covariance.copy()
+            state[late], covariance[late] = self._carried(
+                state[late], covariance[late], tracks.lag[late], tracks.dt
+            )
+        model = self._model(np.array([tracks.dt]))
+        start = _columns(state), _columns(covariance)
+        moved, spread = _roll_out(*start, model, steps)
         moved = np.einsum("oab,onb->ona", frame, moved)
         spread = np.einsum("oab,onbc->onac", frame, spread)
         spread = np.einsum("onac,odc->onad", spread, frame)
-        mean = past.origin[:, None] + after(moved, steps, past.late)
-        joint = partial(_joint, state, start, frame, model, steps, past.late)
-        own = Gaussians(mean, after(spread, steps, past.late), reasons, joint)
-        missing = self._missing(past, start, fit)
+        joint = partial(_joint, *start, frame, model, steps)
+        own = Gaussians(origin[:, None] + moved, spread, reasons, joint)
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
-    def _model(self, dt: float) -> TurnModel:
-        """Return one step of the motion."""
-        _, speed_process = white_acceleration(dt, self.acceleration_density, 1)
-        transition, process = singer(dt, self.yaw_rate, self.turn_time)
-        return TurnModel(dt, speed_process, transition[1:, 1:], process[1:, 1:])
+    def _carried(
+        self, state: Array, covariance: Array, lag: Array, dt: float
+    ) -> tuple[Array, Array]:
+        """States (B, 5) and covariances after times (B,), s, in steps of nearly ``dt``."""
+        for rows, times in in_steps(lag, dt):
+            moved, spread, _ = unscented_step(
+                _columns(state[rows]), _columns(covariance[rows]), self._model(times)
+            )
+            state, covariance = state.copy(), covariance.copy()
+            state[rows], covariance[rows] = moved, spread
+        return state, covariance
 
-    def _filter(
-        self, past: Histories, frame: Array, tracks: Tracks, model: TurnModel
-    ) -> tuple[Array, Array, Array]:
-        """Filter in the frames; see `filter_turns`."""
-        noise = measurement_noise(tracks, NOISE_FLOOR)
-        noise = frame.swapaxes(1, 2) @ noise @ frame
-        past = replace(past, positions=past.positions @ frame)
-        chord, span = _chords(past)
-        length = np.linalg.norm(chord, axis=1)
-        count, rows = past.observed.shape
-        state = np.zeros((count, STATES))
-        if rows:
-            state[:, :2] = past.positions[np.arange(count), np.minimum(past.began, rows - 1)]
-        state[:, 3] = length / (span * tracks.dt)
-        covariance = np.zeros((count, STATES, STATES))
-        covariance[:, :2, :2] = noise
-        doubt = np.trace(noise, axis1=1, axis2=2) / np.maximum(length, TINY) ** 2
-        covariance[:, 2, 2] = FIRST_HEADING**2 + np.minimum(doubt, UNKNOWN)
-        covariance[:, 3, 3], covariance[:, 4, 4] = self.speed**2, self.yaw_rate**2
-        return filter_turns(past, noise, (state, covariance), model)
+    def _model(self, times: Array) -> TurnModel:
+        """Return one step of the motion for each of some times, (L,), s."""
+        _, speed_process = white_steps(times, self.acceleration_density)
+        transition, process = singer(times, self.yaw_rate, self.turn_time)
+        return TurnModel(times, speed_process, transition[1:, 1:], process[1:, 1:])
 
-    def _missing(self, past: Histories, covariance: Array, fit: Array) -> list[str | None]:
+    def _begun(self, start: tuple[Array, float], noise: Array) -> tuple[Array, Array, Array]:
+        """State (5,), covariance (5, 5) and frame (2, 2) at a first measurement.
+
+        Parameters
+        ----------
+        start : chord, (2,), m, and its time, s. noise : (2, 2), m^2.
+        """
+        chord, span = start
+        length = float(np.hypot(*chord))
+        along = chord / max(length, TINY) if length > 0 else np.array([1.0, 0.0])
+        frame = np.array([[along[0], -along[1]], [along[1], along[0]]])
+        covariance = np.zeros((STATES, STATES))
+        covariance[:2, :2] = frame.T @ noise @ frame
+        doubt = np.trace(noise) / max(length, TINY) ** 2
+        covariance[2, 2] = FIRST_HEADING**2 + min(doubt, UNKNOWN)
+        covariance[3, 3], covariance[4, 4] = self.speed**2, self.yaw_rate**2
+        return np.array([0.0, 0.0, 0.0, length / span, 0.0]), covariance, frame
+
+    def _missing(self, counts: IntArray, covariance: Array, fit: Array) -> list[str | None]:
         """Why the filter cannot be used, or None, per obstacle."""
         deviation = np.sqrt(covariance[:, 2, 2])
         reasons: list[str | None] = []
-        for count, doubt, error in zip(past.samples, deviation, fit, strict=True):
+        for count, doubt, error in zip(counts, deviation, fit, strict=True):
             reason = None
             if count < NEEDED:
                 plural = "" if count == 1 else "s"
@@ -341,26 +369,42 @@ class CoordinatedTurn(Predictor):
         return reasons
 
 
-def _chords(past: Histories) -> tuple[Array, Array]:
-    """Way from the first sample to one about `CHORD` steps on, (O, 2), m, and the steps, (O,)."""
-    count, rows = past.observed.shape
-    if rows == 0:
-        return np.zeros((count, 2)), np.ones(count)
-    row, columns = np.arange(count), np.arange(rows)
-    first = np.minimum(past.began, rows - 1)
-    later = past.observed & (columns >= first[:, None] + CHORD)
-    second = np.where(later.any(axis=1), np.argmax(later, axis=1), rows - 1)
-    chord = past.positions[row, second] - past.positions[row, first]
-    return chord, np.maximum(second - first, 1).astype(np.float64)
+SHAPES = ((STATES,), (STATES, STATES), (2, 2), (2,), (2,))
+"""Of an obstacle's beliefs: state and covariance in its frame, the frame's axes as columns and
+its origin, m, and the sum and number of its squared innovations."""
 
 
-def _frames(past: Histories) -> Array:
-    """Rotations from the frame along the first chord to the world, (O, 2, 2)."""
-    chord, _ = _chords(past)
-    length = np.linalg.norm(chord, axis=1, keepdims=True)
-    along = np.where(length > 0, chord / np.maximum(length, TINY), [1.0, 0.0])
-    aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    return np.stack([along, aside], axis=2)
+def _starts(
+    tracks: Tracks, first: IntArray, newest: Array, log: list[int]
+) -> dict[int, tuple[Array, float]]:
+    """Find who begins, and where; return the first chord of each, (2,), m, and its time, s.
+
+    ``first`` and ``newest`` are moved to the beginning, after the last pause. ``log`` becomes
+    `NO_LOG` of those whose chord a later measurement will change.
+    """
+    sightings, starts = tracks.measured, {}
+    for row, times in enumerate(sightings.times):
+        new = times[max(first[row] - 1, 0) :]
+        pauses = np.flatnonzero(np.diff(new) > PAUSE * tracks.dt)
+        if pauses.size:
+            first[row] = len(times) - len(new) + int(pauses[-1]) + 1
+            newest[row] = -np.inf
+        if np.isfinite(newest[row]) or first[row] == len(times):
+            continue
+        begin = first[row]
+        end = int(times.searchsorted(times[begin] + (CHORD - ON_GRID) * tracks.dt))
+        if end == len(times):
+            log[row], end = NO_LOG, len(times) - 1
+        values = sightings.values[row]
+        chord = values[end, :2] - values[begin, :2]
+        span = float(times[end] - times[begin])
+        starts[row] = chord, span if span > 0 else tracks.dt
+    return starts
+
+
+def _first(values: Array, rows: IntArray) -> Array:
+    """Return those of some obstacles, with the obstacles on the first axis."""
+    return np.moveaxis(values[..., rows], -1, 0)
 
 
 def _roll_out(
@@ -380,17 +424,15 @@ def _joint(
     frame: Array,
     model: TurnModel,
     steps: int,
-    late: IntArray,
 ) -> Array:
-    """Joint covariance of the places from step late + 1 to late + N, (O, N*2, N*2), m^2.
+    """Joint covariance of the places at all steps, (O, N*2, N*2), m^2.
 
     Cov(s_{h+1}, s_i) = A_h Cov(s_h, s_i) with the A_h of the filter's own steps.
     """
     count = len(state)
-    ahead = steps + int(late.max(initial=0))
-    joint = np.zeros((count, ahead, 2, ahead, 2))
+    joint = np.zeros((count, steps, 2, steps, 2))
     known = np.zeros((count, STATES, 0))
-    for h in range(ahead):
+    for h in range(steps):
         state, covariance, slope = unscented_step(state, covariance, model)
         known = slope @ known
         cross = known[:, :2].reshape(count, 2, h, 2)
@@ -399,4 +441,4 @@ def _joint(
         joint[:, h, :, h] = covariance[:, :2, :2]
         known = np.concatenate([known, covariance[:, :, :2]], axis=2)
     whole = np.einsum("oab,ohbkd,ocd->ohakc", frame, joint, frame, optimize=True)
-    return cut_steps(whole.reshape(count, ahead * 2, ahead * 2), steps, 2, late)
+    return np.asarray(whole.reshape(count, steps * 2, steps * 2))

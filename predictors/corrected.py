@@ -9,11 +9,13 @@ import numpy as np
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import Windows, windows_of
 from ..framework.values.arrays import Array, checked, positive, whole
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive
 from .core.calibration import replayed, same_step
 from .core.history import Histories, IntArray, gather
+from .core.wrapping import Wrapping
 from .interacting_models import InteractingModels
 
 BACK = 3
@@ -98,7 +100,7 @@ class Moves:
 
 @final
 @dataclass(frozen=True)
-class Corrected(Fittable):
+class Corrected(Wrapping, Fittable):
     """Shifts the mean of a base predictor by its median error in recordings.
 
     mu_h -> mu_h + a_h u + b_h n
@@ -172,9 +174,11 @@ class Corrected(Fittable):
             learnt = _learnt(moves, errors, self.classes, dataset[0].dt)
         return replace(self, base=base, fitted=learnt)
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
-        forecast = self.base.predict(tracks, steps, scene)
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        forecast = self.base.ahead(beliefs, tracks, steps, scene)
         if self.fitted is None:
             return forecast
         past = gather(tracks)

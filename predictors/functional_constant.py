@@ -9,6 +9,7 @@ import numpy as np
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import same_dimension
 from ..framework.values.arrays import Array, probability, whole
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.coverage import Coverage, Event
 from ..framework.values.forecast import Forecast, Scene, heeded
 from ..framework.values.tracks import Tracks
@@ -16,12 +17,13 @@ from .calibrations.joint_plan import JointPlan
 from .core.assembly import refuse_adaptive
 from .core.calibration import Scales, known_scales, same_step, scaled, scored_in_time
 from .core.history import IntArray
+from .core.wrapping import Wrapping
 from .kalman import Kalman
 
 
 @final
 @dataclass(frozen=True)
-class FunctionalConstant(Fittable):
+class FunctionalConstant(Wrapping, Fittable):
     """Puts discs around the base's means that bound the distance to all people at once.
 
     D_h(x) >= P_h(x) - U_h  for all places x and steps h,   D = min_j |x - t_j|,
@@ -111,9 +113,11 @@ class FunctionalConstant(Fittable):
         fitted = known_scales(JointPlan(), scores, self.tail, learnt, size, who)
         return replace(self, base=base, fitted=fitted)
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
-        forecast = self.base.predict(tracks, steps, scene)
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        forecast = self.base.ahead(beliefs, tracks, steps, scene)
         if self.fitted is None:
             return forecast
         unit = np.broadcast_to(np.eye(tracks.dimension), forecast.covariance.shape)

@@ -2,20 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from typing import ClassVar, Literal, Self, final
 
 import numpy as np
 
 from ..framework.plugins.extras import check_extra
-from ..framework.predictor import Fittable
-from ..framework.values.arrays import Array, checked_choice, positive, whole
+from ..framework.predictor import Filtering, Fittable
+from ..framework.values.arrays import Array, BoolArray, checked_choice, positive
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.history import Histories, gather, measurement_noise
-from .core.kalman_filter import AxisModel, Filtered, filter_axes, on_all_axes, roll_out, started
+from .core.kalman_filter import PAUSE, Motion, Start, Step, filtered, floored, forecast
 from .core.pattern_search import fit_numbers
-from .core.propagation import white_acceleration
+from .core.propagation import white_steps
 
 SCALED = ({"acceleration_density": 1.0, "noise_floor": 0.5},)
 """What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
@@ -24,19 +24,24 @@ out of the fit were forecast worse, as noise against motion is a matter of each 
 
 @final
 @dataclass(frozen=True)
-class Kalman(Fittable):
+class Kalman(Filtering, Fittable):
     """A Kalman filter on position and velocity, rolled out over the horizon.
 
     s_{k+1} = F s_k + w,  w ~ N(0, Q);   z_k = p_k + e,  e ~ N(0, R)
 
-    with F and Q of `white_acceleration` (white acceleration of density q) and R the
-    tracks' measurement noise plus ``noise_floor``^2 I. It starts at the oldest sample used
-    with velocity 0 and P = blkdiag(R, speed^2 I). Missing samples are predicted over, not
-    interpolated. The forecast's joint covariance is exact for this model:
-    Cov(s_j, s_h) = F^(j-h) P_h. A tracker's ``state_covariance`` takes the place of the
-    filter's own where there is one, and so does its velocity (see `roll_out`).
+    with F and Q of white acceleration of density q (`white_acceleration`) and R the
+    covariance of a measurement plus ``noise_floor``^2 I. Each measurement is taken at its own
+    time. The filter starts at an obstacle's first one, and after a pause of more than 6 steps
+    of the tracks, with velocity 0 and P = blkdiag(R, speed^2 I). The forecast's joint covariance
+    is exact for this model: Cov(s_j, s_h) = F^(j-h) P_h.
 
-    One sample is enough: the forecast then stays and spreads with ``speed``.
+    Where the tracks carry a tracker's ``state_covariance``, their positions are estimates
+    that hold all earlier measurements, with errors that are not independent as R takes them
+    to be. The newest one is then the position, and the tracker's covariance takes the place
+    of the filter's own for position and velocity. The mean of the velocity is the tracker's
+    where the tracks carry it, else the filter's.
+
+    One measurement is enough: the forecast then stays and spreads with ``speed``.
 
     It works unfitted. `fit` scales ``acceleration_density`` and ``noise_floor``^2 alike, so that
     forecasts of recorded windows are likeliest (`fit_numbers`).
@@ -48,9 +53,9 @@ class Kalman(Fittable):
         1e-4.
     speed : m/s per axis, standard deviation of the first velocity.
     noise_floor : m, standard deviation that the measurement noise has in addition.
-    history : grid samples to filter; older ones no longer matter to the state.
     backend : "batched" filters all obstacles at once with NumPy; "filterpy" one after the
-        other with the library, for reference: the same to rounding, and slow.
+        other with the library, for reference: the same to rounding, and slow, as it begins
+        with the first measurement every time.
 
     Raises
     ------
@@ -64,7 +69,6 @@ class Kalman(Fittable):
     acceleration_density: float = 0.02
     speed: float = 1.0
     noise_floor: float = 0.01
-    history: int = 40
     backend: Literal["batched", "filterpy"] = "batched"
 
     reference: ClassVar[str] = "labbe2014kalman"
@@ -72,53 +76,97 @@ class Kalman(Fittable):
     def __post_init__(self) -> None:
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"kalman.{name}", getattr(self, name))
-        whole("kalman.history", self.history)
         checked_choice("kalman.backend", self.backend, Literal["batched", "filterpy"])
         if self.backend == "filterpy":
             check_extra("filterpy", "oracles", "the backend filterpy needs that library")
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
-        past = gather(tracks, length=self.history)
-        noise = measurement_noise(tracks, self.noise_floor)
-        model = self.model(tracks.dt)
-        engine = filter_axes if self.backend == "batched" else filter_one_by_one
-        return roll_out(engine(past, noise, model), model, past, tracks, steps, "kalman")
+    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        """Return the state of all obstacles; see `Filtering.filtered`."""
+        if self.backend == "filterpy":
+            return filter_one_by_one(tracks, self._motion, self.noise_floor)
+        return filtered(tracks, before, self._motion, self.noise_floor)
 
-    def model(self, dt: float) -> AxisModel:
-        """Return how an axis moves in steps of ``dt`` s, the same object for the same step."""
-        return _model(dt, self.acceleration_density, self.speed)
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        start = Start.of(beliefs, tracks, self._motion, tracked_of(beliefs, tracks))
+        return forecast(start, self._motion, tracks, steps, "kalman")
+
+    @cached_property
+    def _motion(self) -> "WhiteAcceleration":
+        return WhiteAcceleration(self.acceleration_density, self.speed)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy with both numbers scaled by `fit_numbers`; see `Fittable.fit`."""
         return fit_numbers(self, SCALED, dataset)
 
 
-@lru_cache(maxsize=16)
-def _model(dt: float, density: float, speed: float) -> AxisModel:
-    """Return the model of an axis, the same object for the same numbers."""
-    return AxisModel(*white_acceleration(dt, density, 1), np.array([speed**2]))
+@dataclass(frozen=True)
+class WhiteAcceleration(Motion):
+    """Position and velocity under white acceleration, a single mode; see `white_steps`.
+
+    Parameters
+    ----------
+    density : m^2/s^3. speed : m/s, standard deviation of the first velocity.
+    """
+
+    density: float
+    speed: float
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """See `Motion.start`."""
+        return (self.speed**2,)
+
+    @property
+    def usual(self) -> tuple[float, ...]:
+        """See `Motion.usual`."""
+        return (1.0,)
+
+    def step(self, times: Array) -> Step:
+        """See `Motion.step`."""
+        transition, process = white_steps(times, self.density)
+        return Step(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
 
 
-def filter_one_by_one(past: Histories, noise: Array, model: AxisModel) -> Filtered:
-    """Compute `filter_axes` with filterpy, one obstacle and one sample at a time."""
+def tracked_of(beliefs: Beliefs, tracks: Tracks) -> BoolArray | None:
+    """Return whose numbers are the tracker's, (O,); None where there is no tracker.
+
+    A tracker that states no velocity has its numbers used from the second measurement on.
+    """
+    if tracks.state_covariance is None:
+        return None
+    return np.asarray(beliefs.count > (1 if tracks.velocity is None else 0), dtype=np.bool_)
+
+
+def filter_one_by_one(tracks: Tracks, motion: Motion, floor: float) -> Beliefs:
+    """Compute `filtered` of a motion of one mode with filterpy, one obstacle after the other."""
     from filterpy.kalman import KalmanFilter
 
-    count, rows, size = past.positions.shape
-    order = len(model.transition)
-    state = np.zeros((count, order * size))
-    covariance = started(noise, model)
-    for i in range(count):
-        first = min(int(past.began[i]), rows - 1)
-        engine = KalmanFilter(dim_x=order * size, dim_z=size)
-        engine.F = on_all_axes(model.transition, size)
-        engine.Q = on_all_axes(model.process, size)
-        engine.H, engine.R = np.eye(size, order * size), noise[i]
-        engine.x, engine.P = state[i], covariance[i]
-        engine.x[:size] = past.positions[i, first] if rows else 0.0
-        for column in range(first + 1, rows):
+    size, components = tracks.dimension, len(motion.start) + 1
+    body, sightings = (components, size), tracks.measured
+    state = np.zeros((*body, 1, len(tracks)))
+    covariance = np.zeros((*body, *body, 1, len(tracks)))
+    origin, count = np.zeros((size, len(tracks))), np.zeros(len(tracks), dtype=np.int64)
+    for i in range(len(tracks)):
+        times, places, noise = sightings.times[i], sightings.positions[i], sightings.noise[i]
+        pauses = np.flatnonzero(np.diff(times) > PAUSE * tracks.dt)
+        first = int(pauses[-1]) + 1 if pauses.size else 0
+        count[i] = len(times) - first
+        if not count[i]:
+            continue
+        origin[:, i] = places[first]
+        engine = KalmanFilter(dim_x=components * size, dim_z=size)
+        engine.H, engine.x = np.eye(size, components * size), np.zeros(components * size)
+        engine.P = np.diag(np.repeat([0.0, *motion.start], size))
+        engine.P[:size, :size] = floored(noise[first], floor)
+        for k in range(first + 1, len(times)):
+            step = motion.step(times[k : k + 1] - times[k - 1])
+            engine.F, engine.Q = (np.kron(part[:, :, 0, 0], np.eye(size)) for part in step[:2])
             engine.predict()
-            if past.observed[i, column]:
-                engine.update(past.positions[i, column])
-        state[i], covariance[i] = engine.x, 0.5 * (engine.P + engine.P.T)
-    return Filtered(state, covariance)
+            engine.update(places[k] - places[first], R=floored(noise[k], floor))
+        state[..., 0, i] = engine.x.reshape(body)
+        covariance[..., 0, i] = (0.5 * (engine.P + engine.P.T)).reshape(*body, *body)
+    values = np.ones((1, len(tracks))), state, covariance, origin
+    return Beliefs(sightings.log, sightings.newest, count, values)

@@ -187,7 +187,8 @@ class PooledVectorAutoregression(Fittable):
         place = last - dt / tracks.dt * np.arange(count - 1.0, -1.0, -1.0)
         known = place >= past.began[:, None] - 1e-9
         read = past.origin[:, None] + _between(past.positions, np.broadcast_to(place, known.shape))
-        seen = replace(tracks, positions=np.where(known[..., None], read, np.nan), dt=dt)
+        read = np.where(known[..., None], read, np.nan)
+        seen = replace(tracks, positions=read, dt=dt, sightings=None)
         late = past.late
         ahead = ceil((steps + int(late.max(initial=0))) * tracks.dt / dt - 1e-9)
         own, missing = self._forecast(seen, max(ahead, 1))

@@ -9,15 +9,17 @@ import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
 from ..framework.values.arrays import Array
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive
+from .core.wrapping import Wrapping
 from .mixture_density import MixtureDensity
 
 
 @final
 @dataclass(frozen=True)
-class SingleGaussian(Fittable):
+class SingleGaussian(Wrapping, Fittable):
     """The forecast of another predictor with its modes merged into one Gaussian.
 
     mu = sum_k w_k mu_k,   Sigma = sum_k w_k (Sigma_k + (mu_k - mu) (mu_k - mu)')
@@ -45,9 +47,11 @@ class SingleGaussian(Fittable):
         base = self.base.fit(dataset) if isinstance(self.base, Fittable) else self.base
         return replace(self, base=base)
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
-        several = self.base.predict(tracks, steps, scene)
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        several = self.base.ahead(beliefs, tracks, steps, scene)
         weight = several.weight
         mean = np.einsum("om,omnd->ond", weight, several.mean)
         apart = several.mean - mean[:, None]

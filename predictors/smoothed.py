@@ -121,7 +121,11 @@ def _handed(tracks: Tracks, past: Histories, smooth: Array, newest: Array) -> Tr
     per_second = np.repeat([1.0, 1.0 / tracks.dt], size)
     joint = newest * per_second[:, None] * per_second
     return replace(
-        tracks, positions=positions, noise=joint[:, :size, :size], state_covariance=joint
+        tracks,
+        positions=positions,
+        noise=joint[:, :size, :size],
+        state_covariance=joint,
+        sightings=None,
     )
 
 

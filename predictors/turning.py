@@ -6,17 +6,19 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.predictor import Adaptive, Predictor
+from ..framework.predictor import AdaptiveFiltering, Predictor
 from ..framework.values.arrays import Array, BoolArray, positive, whole
+from ..framework.values.beliefs import Beliefs
 from ..framework.values.convex_area import THIN, ConvexArea, Corners, checked_area
 from ..framework.values.forecast import LIGHT, Forecast, Scene
+from ..framework.values.measurements import NO_LOG, Measurements
 from ..framework.values.polygon import convex_hull, width_across
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, with_fallback
-from .core.history import NOISE_FLOOR, Histories, gather, measurement_noise
-from .core.kalman_filter import filter_axes
+from .core.history import NOISE_FLOOR, gather, measurement_noise
+from .core.kalman_filter import filtered
 from .core.straight_stretch import LONGEST_STRETCH, since_jump
-from .kalman import Kalman
+from .kalman import Kalman, WhiteAcceleration
 
 GOLDEN = 0.6180339887498949
 """Share of all directions from one mode to the next: any number of modes is spread evenly."""
@@ -34,7 +36,7 @@ STROLL = 0.3
 """m/s; who is slower has no direction that could change."""
 SLOWEST = 1e-6
 """m/s, keeps divisions by the speed of an obstacle that stands finite."""
-WALK = Kalman(speed=2.0)
+WALK = WhiteAcceleration(density=0.02, speed=2.0)
 """How people walk between turns, and what is known of them at first."""
 UNREST = 0.4
 """m/s, standard deviation that the velocity has in addition at a jump, and no more after
@@ -72,7 +74,7 @@ class WatchedTurns:
 
 @final
 @dataclass(frozen=True)
-class TurningPeople(Adaptive):
+class TurningPeople(AdaptiveFiltering):
     """Straight on until a turn, and then on in another direction at the same speed.
 
     In an area that people do not leave, a person who would leave it in T s turns at a rate of
@@ -91,12 +93,12 @@ class TurningPeople(Adaptive):
     leaves each the weight that plans heed (`LIGHT`); others have weight 0. Turns are sudden,
     and there is one at most up to the last step.
 
-    Place and velocity come from a Kalman filter that begins anew at each jump of the velocity
-    (`since_jump`). Its covariance counts as alike along both axes; to it are added the white
-    acceleration of the filter, what one mode leaves open of the time and direction that it
-    stands for, and 0.4 m/s of the velocity at a jump, less with every step after it: who has
-    just swerved swerves again. The joint covariance is exact for this model. A tracker's
-    velocity lags behind a turn and is not used.
+    Place and velocity come from a Kalman filter of the measurements since the last jump of the
+    velocity (`since_jump`, which looks at the grid of the tracks). Its covariance counts as alike
+    along both axes; to it are added the white acceleration of the filter, what one mode leaves
+    open of the time and direction that it stands for, and 0.4 m/s of the velocity at a jump, less
+    with every step after it: who has just swerved swerves again. The joint covariance is exact for
+    this model. A tracker's velocity lags behind a turn and is not used.
 
     `update` learns by watching. The convex hull of all places where people were, and 1 m
     more, is the area where none is given. For a prior k ~ Gamma(4 k_0, 4) with k_0 the
@@ -107,7 +109,7 @@ class TurningPeople(Adaptive):
 
     A turn is a change of direction by 45 degrees between the 0.6 s before and after.
 
-    Left to ``fallback``, with the reason: three coordinates, and people of a single sample.
+    Left to ``fallback``, with the reason: three coordinates, and people of a single measurement.
 
     Parameters
     ----------
@@ -144,20 +146,38 @@ class TurningPeople(Adaptive):
             positive(f"turning.{name}", getattr(self, name))
         checked_area("turning.area", self.area)
 
-    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Forecast all obstacles; see `Predictor.predict`."""
+    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        """Return place and velocity of all obstacles; see `Filtering.filtered`.
+
+        The few measurements since the last jump are filtered every time, whatever ``before``.
+        """
+        if tracks.dimension != 2:
+            return Beliefs.none()
+        past = gather(tracks, length=LONGEST_STRETCH + 1)
+        alike = measurement_noise(tracks, NOISE_FLOOR).trace(axis1=1, axis2=2) / 2
+        stretch = since_jump(past, alike, tracks.dt, WALK.density)
+        begin = np.asarray(tracks.clock - tracks.dt * (past.late + stretch.length - 0.5), float)
+        since = replace(tracks, sightings=_since(begin, tracks.measured), stamp=tracks.clock)
+        walk = filtered(since, None, WALK, NOISE_FLOOR)
+        left = 1.0 - (stretch.length - 1) / LONGEST_STRETCH
+        unrest = UNREST**2 * np.where(stretch.began > past.began, left, 0.0)
+        log = (NO_LOG,) * len(tracks)
+        return Beliefs(log, walk.newest, past.samples, (*walk.values, unrest))
+
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
         count, size = len(tracks), tracks.dimension
         if size != 2:
             shape = count, steps, size
             empty = Gaussians(np.zeros(shape), np.zeros((*shape, size)), (None,) * count)
             flat = [f"turning: {size} coordinates, needs 2"] * count
             return with_fallback(empty, flat, self.fallback, tracks, scene)
-        past = gather(tracks, length=LONGEST_STRETCH + 1)
-        noise = measurement_noise(tracks, NOISE_FLOOR)
-        place, velocity, variance = _walks(past, noise, tracks.dt)
-        times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
+        place, velocity, variance = _walks(beliefs)
+        times = tracks.lag[:, None] + tracks.dt * np.arange(1.0, steps + 1)
         turns = self._turns(place, velocity, times.max(axis=1, initial=0))
-        futures = _Futures(turns, times, variance, WALK.acceleration_density)
+        futures = _Futures(turns, times, variance, WALK.density)
         own = Forecast(
             futures.mean(),
             futures.covariance(),
@@ -166,7 +186,7 @@ class TurningPeople(Adaptive):
             (None,) * count,
             partial(_joint, futures),
         )
-        missing = ["turning: 1 sample, needs 2" if n < 2 else None for n in past.samples]
+        missing = ["turning: 1 sample, needs 2" if n < 2 else None for n in beliefs.count]
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
     @cached_property
@@ -212,7 +232,9 @@ class TurningPeople(Adaptive):
             np.concatenate([first, width], axis=1),
         )
 
-    def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
+    def update(
+        self, tracks: Tracks, scene: Scene | None = None, beliefs: Beliefs | None = None
+    ) -> Self:
         """Learn from the samples since the last update; see `Adaptive.update`."""
         positions, state = tracks.positions, self.state
         if tracks.dimension != 2 or not positions.size:
@@ -245,20 +267,23 @@ class TurningPeople(Adaptive):
         )
 
 
-def _walks(past: Histories, noise: Array, dt: float) -> tuple[Array, Array, Array]:
-    """Place (O, 2), m, and velocity (O, 2), m/s, now, filtered since the last jump.
+def _since(begin: Array, sightings: Measurements) -> Measurements:
+    """Return the measurements from times (O,), s, on, and at least the newest of each obstacle."""
+    pairs = zip(sightings.times, begin, strict=True)
+    first = [min(int(times.searchsorted(time)), max(len(times) - 1, 0)) for times, time in pairs]
+    return sightings.part([slice(number, None) for number in first])
+
+
+def _walks(beliefs: Beliefs) -> tuple[Array, Array, Array]:
+    """Place (O, 2), m, and velocity (O, 2), m/s, at the newest measurements.
 
     The third are variances, means of both axes, of place, of place with velocity, and of velocity,
     (O, 3). Who has just jumped jumps again: `UNREST` fades with the steps since then.
     """
-    alike = noise.trace(axis1=1, axis2=2) / 2
-    stretch = since_jump(past, alike, dt, WALK.acceleration_density)
-    walk = filter_axes(stretch, noise, WALK.model(dt))
-    blocks = walk.covariance.reshape(-1, 2, 2, 2, 2).trace(axis1=2, axis2=4) / 2
-    variance = blocks[:, [0, 0, 1], [0, 1, 1]]
-    left = 1.0 - (stretch.length - 1) / LONGEST_STRETCH
-    variance[:, 2] += UNREST**2 * np.where(stretch.began > past.began, left, 0.0)
-    return past.origin + walk.state[:, :2], walk.state[:, 2:], variance
+    _, state, covariance, origin, unrest = beliefs.values
+    alike = covariance.trace(axis1=1, axis2=3)[:, :, 0] / 2
+    variance = np.stack([alike[0, 0], alike[0, 1], alike[1, 1] + unrest], axis=1)
+    return (origin + state[0, :, 0]).T, state[1, :, 0].T, variance
 
 
 def _ways(

@@ -670,7 +670,11 @@ def export(
         bool, Option("--solver", help="The solver as object code, not the problem in C.")
     ] = False,
     planner: Annotated[
-        bool, Option("--planner", help="The whole planner without Python, with its solver.")
+        bool,
+        Option(
+            "--planner",
+            help="The whole planner without Python, with its solver; its predictor is kalman.",
+        ),
     ] = False,
     target: Annotated[
         str | None,

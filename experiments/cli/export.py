@@ -1,11 +1,12 @@
 """From a config to the planner's problem as C, with an instance that the planner itself made."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
+from ...framework.controller import WrapsController
 from ...framework.mpc.costs.base import ProgressCost
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
 from ...framework.mpc.ocp.progress_robot import progress_robot_of
@@ -116,7 +117,8 @@ def export(
     source = f"{config_path(config).stem}, {name}"
     if whole:
         where = machine(target or NATIVE)
-        made = planner_bundle(whole_planner(chosen, source, where, corners, package))
+        path = dotted_path(experiment, name)
+        made = planner_bundle(whole_planner(chosen, source, where, corners, package, path))
         write_folder(out, made, force=force)
         return source
     sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
@@ -135,14 +137,21 @@ def whole_planner(
     where: Machine,
     corners: int = CORNERS[0],
     package: str = NAV2,
+    path: str = "planner",
 ) -> ExportedPlanner:
     """Gather what is written of a planner with all that is around its solver.
+
+    Parameters
+    ----------
+    planner, source, where : what is exported, its title, and the target of its object code.
+    corners, package : as in `export`.
+    path : dotted path of the planner in its config, for messages.
 
     Raises
     ------
     WideberthError : the planner in C lacks what this one needs, or no package has such a name.
     """
-    robot = refuse(planner, corners)
+    robot = refuse(planner, corners, path)
     most = _slots("most_obstacles", max(planner.most_obstacles, 1))
     still = 0 if planner.static_region is None else most
     one = subject(planner, (most, still, corners), source)
@@ -183,6 +192,18 @@ def planners(experiment: Experiment) -> dict[str, Planner]:
     """Return the planners of a config by name: the key in a mapping, else the field's name."""
     known = controllers_of(experiment)
     return {key: own for key, one in known.items() if (own := planner_behind(one))}
+
+
+def dotted_path(experiment: Experiment, name: str) -> str:
+    """Return where the planner with this name stands in the config of an experiment."""
+    path, controller = name, controllers_of(experiment)[name]
+    for entry in fields(experiment):  # type: ignore[arg-type]  # every plug-in is a dataclass
+        value = getattr(experiment, entry.name)
+        if isinstance(value, Mapping) and value.get(name) is controller:
+            path = f"{entry.name}.{name}"
+    while isinstance(controller, WrapsController):
+        path, controller = f"{path}.controller", controller.controller
+    return path
 
 
 def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subject:

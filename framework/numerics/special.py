@@ -6,6 +6,7 @@ them, and both orders of beta are counts.
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -107,6 +108,7 @@ def upper_gamma_quantile(order: float, tail: ArrayLike) -> Array:
     return found
 
 
+@lru_cache(maxsize=32)
 def content_bound(size: int, tail: float) -> float:
     """Return the q that chi^2 with ``size`` degrees of freedom exceeds with probability ``tail``.
 

@@ -9,28 +9,40 @@ from functools import cache, cached_property
 import numpy as np
 
 from ..plugins.config import rebuilt
-from ..predictor import Adaptive, Fittable, Predictor
+from ..predictor import Adaptive, AdaptiveFiltering, Filtering, Fittable, Predictor
 from ..values.arrays import Array, BoolArray
+from ..values.beliefs import Beliefs
 from ..values.errors import WideberthError
 from ..values.forecast import Forecast, Scene
+from ..values.measurements import Measurements
 from ..values.tracks import Tracks
 from .laws import Contract, Law, check_coverage, law, serving, stated
 from .predictor_cases import (
     ABSURD,
+    DT,
     NEVER,
+    SAMPLES,
     STEPS,
+    absurd_clocks,
     absurd_worlds,
     draw_recordings,
     draw_rotation,
     draw_run,
     draw_scene,
+    draw_sighted,
     draw_tracks,
     move_scene,
     move_tracks,
     odd_worlds,
+    seen_until,
+    with_sightings,
 )
 
 TOLERANCE = 1e-6
+EXACT = 1e-9
+"""Share by which forecasts that are the same may differ by rounding."""
+NEAR, VAGUE = 20.0, 1e4
+"""m and m^2: how far from a brief sighting, and how uncertain, its forecast may be."""
 LONG = 250
 """Rows of recordings for a predictor that refuses the usual ones: 20 horizons of 12 steps."""
 
@@ -52,6 +64,9 @@ def check_predictor(
     nothing of it could turn); independent of the order of the obstacles; zero obstacles are
     served; so are positions, noise and radii of any magnitude that a float holds, and but for
     the radius they change nothing for the other obstacles. Its coverage is stated, or None. One
+    that filters (`Filtering`) serves measurements at any times; its forecast is the same whatever
+    was filtered before, of this log or another one; sightings on the grid are the grid; a
+    sighting between two instants has a forecast near it; and what is given to it stays. One
     that adapts keeps its laws while it is updated, and no copy changes another. One that learns
     is fitted: `fit` leaves it as it was, returns its own kind, the same when called again; the
     fitted copy keeps the same laws and survives `save_plugin`.
@@ -116,6 +131,16 @@ def _plain_laws(
 
     yield from stated(_Bare, predictor, bare)
     yield from stated(_Giant, predictor, giants)
+    sighted = rng.spawn(1)[0]
+
+    @cache
+    def runs() -> list[_Sighted]:
+        return [
+            _Sighted(made(), draw_sighted(size, sighted), None, f"D = {size}, sighted")
+            for size in sizes
+        ]
+
+    yield from stated(_Sighted, predictor, runs, rng)
 
 
 def _worlds(predictor: Predictor, size: int, rng: np.random.Generator) -> "Iterator[_World]":
@@ -262,6 +287,163 @@ class _Giant(_World):
             _demand_near(np.abs(with_it - without).max(axis=-1)[None], limit, f"{place}: mean")
 
 
+@dataclass(frozen=True, eq=False)
+class _Sighted(_World):
+    """A predictor that filters, and obstacles measured at times of their own."""
+
+    @property
+    def filtering(self) -> Filtering:
+        """The predictor."""
+        assert isinstance(self.predictor, Filtering)
+        return self.predictor
+
+    @law("measurements at any times", Filtering, "it does not filter")
+    def check_times(self, rng: np.random.Generator) -> None:
+        """Check values, purity, motions and order on them, as on a grid."""
+        self.check_values()
+        self.check_pure()
+        self.check_translation()
+        self.check_rotation(rng)
+        self.check_order(rng)
+
+    @law("goes on as from the first measurement", Filtering, "it does not filter")
+    def check_cadence(self, rng: np.random.Generator) -> None:
+        """Check that it does not matter when it filtered before, and in which order."""
+        every = np.unique(np.concatenate(self.tracks.measured.times))
+        for name, times in {
+            "each measurement": every,
+            "some at once": every[3::7],
+            "most missed": every[[len(every) // 3]],
+        }.items():
+            beliefs: Beliefs | None = None
+            for place, time in enumerate([*times, self.tracks.stamp]):
+                seen = seen_until(self.tracks, time)
+                if name == "some at once":
+                    seen = seen.select([int(i) for i in rng.permutation(len(seen))])
+                beliefs = self._filtered(seen, beliefs)
+                if place % 10 == 0 or time == self.tracks.stamp:
+                    self._compare(seen, beliefs, f"{name}, at {time:.3g} s")
+
+    @law("another log never leaks", Filtering, "it does not filter")
+    def check_logs(self) -> None:
+        """Check that what was filtered of other measurements of the same names is not used."""
+        tracks, sightings = self.tracks, self.tracks.measured
+        beliefs = self._filtered(tracks, None)
+        places = [7.0 - 2.0 * place for place in sightings.positions]
+        noise, log = sightings.noise, sightings.log
+        sooner = [times - 0.013 for times in sightings.times]
+        others = {
+            "the same times": Measurements(sightings.times, places, noise, [k + 100 for k in log]),
+            "other times of its log": Measurements(sooner, places, noise, log),
+            "no log": Measurements(sightings.times, places, noise),
+        }
+        unnumbered = replace(
+            tracks, sightings=Measurements(sightings.times, sightings.positions, noise)
+        ).select([0])
+        moved = replace(unnumbered, sightings=others["no log"].select([0]))
+        self._compare(moved, self._filtered(unnumbered, None), "no log before")
+        for name, other in others.items():
+            self._compare(replace(tracks, sightings=other), beliefs, name)
+        early = seen_until(tracks, tracks.stamp - 3.0 * DT)
+        self._compare(early, beliefs, "a clock that went back")
+        both = np.flatnonzero(sightings.count > 1).tolist()
+        newest = tracks.select(both)
+        less = newest.measured.part([slice(-1)] * len(both))
+        self._compare(replace(newest, sightings=less), beliefs, "the newest measurement is gone")
+        self._compare(early, self._filtered(tracks.select([]), beliefs), "after nobody")
+
+    @law("sightings on the grid are the grid", Filtering, "it does not filter")
+    def check_grid(self) -> None:
+        """Check that samples and the same measurements at their times are forecast alike."""
+        tracks = draw_tracks(self.tracks.dimension, np.random.default_rng(SAMPLES))
+        samples = _predict(self.predictor, tracks, None, self.where)
+        measured = _predict(self.predictor, with_sightings(tracks), None, self.where)
+        _check_alike(samples, measured, tracks, self.where)
+
+    @law("a brief sighting counts", Filtering, "it does not filter")
+    def check_brief(self) -> None:
+        """Check the forecast of who was measured between two instants of the grid alone."""
+        names = ["newest", "seen once", "seen twice"]
+        tracks = self.tracks.select([self.tracks.ids.index(name) for name in names])
+        positions = tracks.positions.copy()
+        positions[1:] = np.nan
+        tracks = replace(tracks, positions=positions)
+        forecast = _predict(self.predictor, tracks, None, self.where)
+        _check_values(forecast, tracks, self.where)
+        if not len(self._filtered(tracks, None)):  # a wrapper of one that looks at the grid
+            return
+        for row in (1, 2):
+            place = f"track {tracks.ids[row]!r}, {self.where}"
+            gap = forecast.mean[row] - tracks.measured.positions[row][-1]
+            _demand_near(np.abs(gap).max(axis=-1), NEAR, f"{place}: mean")
+            spread = np.trace(forecast.covariance[row], axis1=-2, axis2=-1)
+            _demand_near(spread, VAGUE, f"{place}: variance")
+
+    @law("filtering changes nothing it is given", Filtering, "it does not filter")
+    def check_untouched(self) -> None:
+        """Check that neither earlier beliefs nor measurements are changed."""
+        early = seen_until(self.tracks, self.tracks.stamp - 2.0 * DT)
+        before = self._filtered(early, None)
+        forecast = self.filtering.ahead(before, early, STEPS)
+        parts = (before.newest, before.count, *before.values)
+        parts = (*parts, *self.tracks.measured.times, *self.tracks.measured.values)
+        copies = [part.copy() for part in parts]
+        same = self.tracks.select([self.tracks.ids.index(name) for name in early.ids])
+        for tracks in (same, self.tracks):
+            self.filtering.ahead(self._filtered(tracks, before), tracks, STEPS)
+        for part, copy in zip(parts, copies, strict=True):
+            assert np.array_equal(part, copy), f"an array is changed ({self.where})"
+        again = self.filtering.ahead(before, early, STEPS)
+        assert np.array_equal(forecast.mean, again.mean), f"another forecast ({self.where})"
+
+    @law("absurd numbers in sightings", Filtering, "it does not filter")
+    def check_absurd(self, rng: np.random.Generator) -> None:
+        """Check measurements, noise and clocks of any magnitude; others are left as they were."""
+        ordinary = draw_tracks(self.tracks.dimension, rng)
+        for name, samples in absurd_worlds(ordinary, rng).items():
+            tracks = with_sightings(samples)
+            giant = _Giant(self.predictor, tracks, None, f"{name}, {self.where}")
+            giant.check_magnitude()
+            giant.check_apart()
+            half = tracks.measured.part([slice(len(one) // 2) for one in tracks.measured.times])
+            self._compare(tracks, self._filtered(replace(tracks, sightings=half), None), name)
+        for name, tracks in absurd_clocks(self.tracks).items():
+            _Giant(self.predictor, tracks, None, f"{name}, {self.where}").check_magnitude()
+
+    @law(
+        "adapts with what is filtered as without",
+        AdaptiveFiltering,
+        "it does not filter and adapt",
+    )
+    def check_adapted(self) -> None:
+        """Check that an update learns the same from beliefs that it is given."""
+        one = two = self.predictor
+        beliefs: Beliefs | None = None
+        for time in self.tracks.stamp - DT * np.arange(8.0, -0.1, -0.7):
+            seen, note = seen_until(self.tracks, time), f"updated, {self.where}"
+            assert isinstance(one, AdaptiveFiltering) and isinstance(two, AdaptiveFiltering)
+            beliefs = self._filtered(seen, beliefs)
+            with _strict("update", f" ({note})"):
+                one, two = one.update(seen, None, beliefs), two.update(seen)
+            first, second = (_predict(each, seen, None, note) for each in (one, two))
+            _check_values(first, seen, note)
+            _check_alike(first, second, seen, note)
+
+    def _filtered(self, tracks: Tracks, before: Beliefs | None) -> Beliefs:
+        with _strict("filtered", f" ({self.where})"):
+            beliefs = self.filtering.filtered(tracks, before)
+        assert isinstance(beliefs, Beliefs), f"filtered returns Beliefs ({self.where})"
+        return beliefs
+
+    def _compare(self, tracks: Tracks, before: Beliefs, name: str) -> None:
+        """Check that a forecast with earlier beliefs is the one without."""
+        note = f"{name}, {self.where}"
+        with _strict("ahead", f" ({note})"):
+            beliefs = self.filtering.filtered(tracks, before)
+            forecast = self.filtering.ahead(beliefs, tracks, STEPS)
+        _check_alike(_predict(self.predictor, tracks, None, note), forecast, tracks, note)
+
+
 @contextmanager
 def _strict(what: str, remark: str) -> Iterator[None]:
     """Turn an exception or a warning of NumPy into a broken law."""
@@ -333,7 +515,7 @@ def _check_values(forecast: Forecast, tracks: Tracks, where: str) -> None:
         _demand(lowest >= -limit, "PSD covariance", least)
         share = forecast.weight[index].sum()
         assert abs(share - 1) < 1e-9, f"weights sum to 1: {place}: {share}"
-        unseen = not np.isfinite(tracks.positions[index]).all(axis=1).any()
+        unseen = tracks.measured.count[index] == 0
         reason = forecast.fallback[index]
         assert reason or not unseen, f"a reason for an obstacle never observed: {place}"
     _check_joint(forecast, tracks, where)
@@ -366,6 +548,23 @@ def _check_purity(
         same &= (first.covariance[index] == again.covariance[index]).all(axis=(-1, -2))
         _demand(same, "a second call gives another forecast", f"track {ident!r}, {where}")
     assert np.array_equal(before, tracks.positions, equal_nan=True), f"tracks changed ({where})"
+
+
+def _check_alike(first: Forecast, second: Forecast, tracks: Tracks, where: str) -> None:
+    """Check that two forecasts of the same tracks differ by rounding at most."""
+    shapes = first.mean.shape, second.mean.shape
+    assert len(set(shapes)) == 1, f"shapes {shapes} differ ({where})"
+    for index, ident in enumerate(tracks.ids):
+        place = f"track {ident!r}, {where}"
+        both = first.fallback[index], second.fallback[index]
+        assert len(set(both)) == 1, f"reasons {both} differ: {place}"
+        gap = np.abs(first.weight[index] - second.weight[index]).max()
+        assert gap <= EXACT, f"weights differ by {gap:.3g}: {place}"
+        for name in ("mean", "covariance"):
+            one, other = (getattr(made, name)[index] for made in (first, second))
+            modes, steps = one.shape[:2]
+            gap = np.abs(one - other).reshape(modes, steps, -1).max(axis=2)
+            _demand_near(gap, EXACT * (1.0 + np.abs(one).max()), f"{place}: {name}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,13 @@
 """Tracks and scenes that the check of predictors draws: ordinary ones and every odd one."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..values.arrays import Array
 from ..values.forecast import Scene
+from ..values.measurements import Measurements
 from ..values.motion import Truth
 from ..values.tracks import Tracks
 
@@ -81,12 +83,25 @@ def draw_rotation(size: int, rng: np.random.Generator) -> Array:
 
 def move_tracks(tracks: Tracks, turn: Array, shift: Array) -> Tracks:
     """Turn and shift tracks."""
-    noise = turn @ tracks.noise @ turn.T
+    sightings = tracks.sightings
+    if sightings is not None:
+        sightings = Measurements(
+            sightings.times,
+            [places @ turn.T + shift for places in sightings.positions],
+            [_turned(noise, turn) for noise in sightings.noise],
+            sightings.log,
+        )
     return replace(
         tracks,
         positions=tracks.positions @ turn.T + shift,
-        noise=0.5 * (noise + np.swapaxes(noise, 1, 2)),
+        noise=_turned(tracks.noise, turn),
+        sightings=sightings,
     )
+
+
+def _turned(noise: Array, turn: Array) -> Array:
+    turned = turn @ noise @ turn.T
+    return np.asarray(0.5 * (turned + np.swapaxes(turned, 1, 2)))
 
 
 def move_scene(scene: Scene, turn: Array, shift: Array) -> Scene:
@@ -190,3 +205,104 @@ def draw_run(tracks: Tracks) -> list[Tracks]:
         stamp = tracks.stamp - DT * (SAMPLES - end)
         run.append(replace(part, positions=seen[index], stamp=stamp))
     return run
+
+
+def draw_sighted(size: int, rng: np.random.Generator) -> Tracks:
+    """Return obstacles that are measured at times of their own, named by what is odd about them.
+
+    Each measurement has a covariance of its own. The first obstacle is measured at the newest
+    instant.
+    """
+    often, seldom = 0.13 * np.arange(20.0), np.arange(12.0)
+    ages = {
+        "newest": seldom + np.append(0.0, rng.uniform(-0.1, 0.1, 11)),
+        "any times": 0.2 + np.cumsum(rng.uniform(0.1, 2.4, 12)),
+        "often": 0.05 + often,
+        "after a pause": np.concatenate([0.3 + often[:5], 7.9 + seldom[:6]]),
+        "over a pause": np.concatenate([0.4 + seldom[:3], 8.3 + seldom[:6]]),
+        "seen once": np.array([0.6]),
+        "seen twice": np.array([0.3, 0.8]),
+        "not seen lately": 3.3 + np.cumsum(rng.uniform(0.4, 1.6, 9)),
+        "standing still": 0.1 + seldom,
+        "far away": 0.7 + seldom,
+        NEVER: np.empty(0),
+    }
+    times, places, noise = [], [], []
+    for name, age in ages.items():
+        clock = 12.0 - DT * age[::-1]
+        walk = np.cumsum(0.05 * rng.standard_normal((len(age), size)), axis=0)
+        place = clock[:, None] * rng.uniform(-1.5, 1.5, size) + walk
+        still = name == "standing still"
+        root = 0.03 * (np.eye(size) + 0.3 * rng.standard_normal((len(age), size, size)))
+        times.append(clock)
+        places.append(1e6 * (name == "far away") + (np.ones_like(place) if still else place))
+        noise.append(root @ np.swapaxes(root, 1, 2))
+    count = len(ages)
+    sightings = Measurements(times, places, noise, range(count))
+    spread = np.tile(1e-3 * np.eye(size), (count, 1, 1))
+    return sighted_tracks(sightings, tuple(ages), np.full(count, 0.3), spread)
+
+
+def sighted_tracks(
+    sightings: Measurements, ids: Sequence[str], radius: Array, noise: Array
+) -> Tracks:
+    """Return tracks with these sightings, and with what a history puts on the grid of them."""
+    stamp = float(sightings.newest.max())
+    grid = stamp - DT * np.arange(SAMPLES - 1.0, -1.0, -1.0)
+    rows = []
+    for times, places in zip(sightings.times, sightings.positions, strict=True):
+        row = np.full((SAMPLES, places.shape[1]), np.nan)
+        if len(times):
+            after = np.clip(times.searchsorted(grid), 1, max(len(times) - 1, 1))
+            width = times[np.minimum(after, len(times) - 1)] - times[after - 1]
+            known = (grid >= times[0]) & (grid <= times[-1]) & (width <= 2.5 * DT)
+            for axis, place in enumerate(places.T):
+                row[known, axis] = np.interp(grid[known], times, place)
+            nearest = int(np.argmin(np.abs(grid - times[-1])))
+            if np.isnan(row[nearest]).any():
+                row[nearest] = places[-1]
+        rows.append(row)
+    return Tracks(np.stack(rows), DT, ids, radius, noise, stamp, sightings=sightings)
+
+
+def seen_until(tracks: Tracks, time: float) -> Tracks:
+    """Return the tracks as they were at a time, s, of those who had been measured."""
+    sightings = tracks.measured.part([times <= time for times in tracks.measured.times])
+    index = [int(i) for i in np.flatnonzero(sightings.count)]
+    names = tuple(tracks.ids[i] for i in index)
+    return sighted_tracks(
+        sightings.select(index), names, tracks.radius[index], tracks.noise[index]
+    )
+
+
+def with_sightings(tracks: Tracks) -> Tracks:
+    """Return the tracks with the observed samples of the grid as sightings, `DT` apart."""
+    rows = tracks.positions.shape[1]
+    times = tracks.stamp - DT * np.arange(rows - 1.0, -1.0, -1.0)
+    seen = np.asarray(np.isfinite(tracks.positions).all(axis=2), dtype=np.bool_)
+    return replace(
+        tracks,
+        sightings=Measurements(
+            [times[row] for row in seen],
+            [places[row] for places, row in zip(tracks.positions, seen, strict=True)],
+            [np.tile(spread, (int(row.sum()), 1, 1))
+             for spread, row in zip(tracks.noise, seen, strict=True)],
+            range(len(tracks)),
+        ),
+    )  # fmt: skip
+
+
+def absurd_clocks(tracks: Tracks) -> dict[str, Tracks]:
+    """Return sighted tracks at absurd times, and with one measured an absurd time ago."""
+    sightings = tracks.measured
+    parts = sightings.positions, sightings.noise, sightings.log
+    worlds = {}
+    for factor in (1e-300, 1e-6, 1e9, 1e300):
+        times = [factor * one for one in sightings.times]
+        stamp = factor * tracks.stamp
+        worlds[f"a clock of {stamp:g} s"] = replace(
+            tracks, stamp=stamp, sightings=Measurements(times, *parts)
+        )
+    for later in (1e6, 1e300):
+        worlds[f"measured {later:g} s ago"] = replace(tracks, stamp=tracks.stamp + later)
+    return worlds

@@ -9,7 +9,9 @@ import numpy as np
 
 from ..robot import Robot
 from ..values.arrays import FARTHEST, Array, all_finite, assembled
+from ..values.measurements import AdmittedMeasurements
 from ..values.motion import Detection, Observation
+from ..values.number_limits import vague_at_most
 from ..values.tracks import Tracks
 from .names import FASTEST, Names
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
@@ -29,7 +31,10 @@ class _Log(NamedTuple):
 
     Attributes
     ----------
-    times, positions : (T,), s, and (T, D), m.
+    number : of the log, see `Measurements`.
+    times : (T,), s.
+    values : (T, D + D^2), position, m, and its covariance, m^2, of each measurement. What a sensor
+        does not state is estimated when it comes.
     reported : s, when it was reported last.
     radius, covariance, sensor : of the last report.
     fresh : measurements that the estimate of the noise does not know yet.
@@ -38,8 +43,10 @@ class _Log(NamedTuple):
         newest measurement; None where a sensor reports positions alone.
     """
 
+    number: int
     times: Array
-    positions: Array
+    values: Array
+    size: int
     reported: float
     radius: float
     covariance: Array | None
@@ -54,16 +61,24 @@ class _Log(NamedTuple):
         return float(self.times[-1])
 
     @property
+    def positions(self) -> Array:
+        """Measured positions, (T, D), m."""
+        return self.values[:, : self.size]
+
+    @property
     def position(self) -> Array:
         """Newest measured position, (D,), m."""
-        return np.asarray(self.positions[-1])
+        return np.asarray(self.values[-1, : self.size])
 
     @classmethod
-    def begun(cls, size: int) -> "_Log":
+    def begun(cls, size: int, number: int) -> "_Log":
         """Return one without measurements."""
-        return cls(_NO_TIMES, np.empty((0, size)), -np.inf, 0.0, None, "", 0, looked=False)
+        values = np.empty((0, size + size**2))
+        return cls(number, _NO_TIMES, values, size, -np.inf, 0.0, None, "", 0, looked=False)
 
-    def reported_again(self, stamp: float, detection: Detection, clock: "_Clock | None") -> "_Log":
+    def reported_again(
+        self, stamp: float, detection: Detection, clock: "_Clock | None", noise: Array, number: int
+    ) -> "_Log":
         """Return the log with a measurement more, and what a detection says beside it.
 
         Parameters
@@ -71,11 +86,16 @@ class _Log(NamedTuple):
         stamp : s, now.
         detection : of the same obstacle.
         clock : the times with that of the measurement; None where it is left out.
+        noise : (D, D), m^2, of the measurement.
+        number : of the log where the measurement is not simply appended.
         """
-        times, places, fresh, motion = self.times, self.positions, self.fresh, self.motion
+        times, values, fresh, motion = self.times, self.values, self.fresh, self.motion
+        if clock is None or clock.place == len(self.times):
+            number = self.number
         if clock is not None:
             times, fresh = clock.times, fresh + 1
-            places = clock.inserted(self.positions, detection.position)
+            measured = np.concatenate([detection.position, noise.ravel()])
+            values = clock.inserted(self.values, measured)
             if clock.end == len(self.times):  # the newest one: a motion is past
                 motion = None
         velocity, joint = detection.velocity, detection.state_covariance
@@ -84,7 +104,7 @@ class _Log(NamedTuple):
             motion = None if velocity is None or joint is None else (velocity, joint)
         said = detection.radius, detection.covariance, detection.sensor
         last = max(stamp, self.reported)  # of messages in any order
-        return _Log(times, places, last, *said, fresh, self.looked, motion)
+        return _Log(number, times, values, self.size, last, *said, fresh, self.looked, motion)
 
     def carried(self, lag: float) -> "_Carried | None":
         """Return where it is ``lag`` s after the newest measurement; None without a motion.
@@ -100,7 +120,7 @@ class _Log(NamedTuple):
         return _Carried(place, moved @ joint @ moved.T, lag**2 * joint[size:, size:])
 
 
-_NO_TIMES = np.empty(0)
+_NO_TIMES, _NO_EVIDENCE = np.empty(0), NoiseEvidence.none()
 
 
 class _Clock(NamedTuple):
@@ -151,13 +171,13 @@ class _Clock(NamedTuple):
             return None
         return cls(np.insert(times, place, time), 0, place, place)
 
-    def inserted(self, positions: Array, position: Array) -> Array:
-        """Return the positions, (T, D), m, of a log with a new one at the new time."""
+    def inserted(self, values: Array, value: Array) -> Array:
+        """Return the values, (T, V), of a log with a new one, (V,), at the new time."""
         before = self.place - self.first
-        places = np.empty((len(self.times), len(position)))
-        places[:before], places[before] = positions[self.first : self.place], position
-        places[before + 1 :] = positions[self.end :]
-        return places
+        rows = np.empty((len(self.times), len(value)))
+        rows[:before], rows[before] = values[self.first : self.place], value
+        rows[before + 1 :] = values[self.end :]
+        return rows
 
 
 class _Carried(NamedTuple):
@@ -192,6 +212,7 @@ class History:
     evidence : of the noise of each sensor that does not state it.
     names : of the obstacles.
     notes : of the last `add`: which detections were taken as new obstacles, and why.
+    number : of the next log.
     """
 
     dt: float
@@ -203,6 +224,7 @@ class History:
     evidence: Mapping[str, NoiseEvidence] = field(default_factory=dict)
     names: Names | None = None
     notes: tuple[str, ...] = ()
+    number: int = 0
 
     @property
     def noise(self) -> dict[str, NoiseEstimate]:
@@ -222,7 +244,8 @@ class History:
 
     def emptied(self) -> "History":
         """Return one that knows nothing."""
-        return History(self.dt, self.samples, self.forget, self.gap, self.fastest)
+        settings = self.dt, self.samples, self.forget, self.gap, self.fastest
+        return History(*settings, number=self.number)
 
     def reported(self, stamp: float) -> frozenset[str]:
         """Return the names of the obstacles that were reported at a time, s."""
@@ -240,13 +263,17 @@ class History:
         names = self.names or Names(self.fastest)
         recent = [detection for detection in detections if detection.age <= self.forget]
         names, named, notes = names.assigned(stamp, recent, logs)
-        for ident, detection in named:
-            log = logs.get(ident) or _Log.begun(len(detection.position))
+        for number, (ident, detection) in enumerate(named, self.number):
+            log = logs.get(ident) or _Log.begun(len(detection.position), number)
             time, times = stamp - detection.age, log.times
             same = id(times), time
             if same not in clocks:
                 clocks[same] = _Clock.advanced(times, time, keep, self.dt)
-            logs[ident] = log.reported_again(stamp, detection, clocks[same])
+            noise = detection.covariance
+            if noise is None:
+                noise = self._estimated(detection.sensor, log.size)
+            noise = vague_at_most(noise)
+            logs[ident] = log.reported_again(stamp, detection, clocks[same], noise, number)
         gone = [name for name, log in logs.items() if stamp - log.reported > self.forget]
         if len(logs) - len(gone) > MOST:
             oldest_first = sorted(logs, key=lambda name: logs[name].reported)
@@ -255,7 +282,7 @@ class History:
             del logs[name]
         learnt = _learnt(logs, self.evidence)
         settings = self.dt, self.samples, self.forget, self.gap, self.fastest
-        return History(*settings, logs, learnt, names, notes)
+        return History(*settings, logs, learnt, names, notes, self.number + len(named))
 
     def tracks(self) -> Tracks | None:
         """Return tracks that end at the newest measurement; None without any.
@@ -266,7 +293,8 @@ class History:
         the noise grows by (`PACE` lag)^2. One whose tracker states a velocity is
         carried to the newest instant where that is at most one sample later: obstacles that
         one tick reports with different ages are then forecast alike. The tracks have velocity
-        and state covariance where all obstacles state them.
+        and state covariance where all obstacles state them, and every measurement as
+        `Tracks.sightings`.
         """
         if not self.logs:
             return None
@@ -278,7 +306,8 @@ class History:
         positions = interpolated(times, places, grid, self.gap, ON_GRID * self.dt)
         apart = beside_grid(positions, times, places, grid, self.dt, self.gap)
         stated = [
-            self._estimated(log) if log.covariance is None else log.covariance for log in logs
+            self._estimated(log.sensor, log.size) if log.covariance is None else log.covariance
+            for log in logs
         ]
         noise = np.concatenate(stated).reshape(len(logs), *stated[0].shape)
         velocity, joint = self._motions(logs, newest, positions, noise, apart)
@@ -294,6 +323,13 @@ class History:
             stamp=newest,
             state_covariance=joint,
             velocity=velocity,
+            sightings=assembled(
+                AdmittedMeasurements,
+                times=tuple(times),
+                values=tuple(log.values for log in logs),
+                size=logs[0].size,
+                log=tuple(log.number for log in logs),
+            ),
         )
 
     def _motions(
@@ -323,9 +359,9 @@ class History:
             return None, None
         return np.array(velocities), np.array(joints)
 
-    def _estimated(self, log: _Log) -> Array:
-        """Covariance of a measured position, (D, D), m^2, that its sensor does not state."""
-        return self.evidence[log.sensor].estimate.covariance(log.positions.shape[1])
+    def _estimated(self, sensor: str, size: int) -> Array:
+        """Covariance of a measured position, (D, D), m^2, that a sensor does not state."""
+        return self.evidence.get(sensor, _NO_EVIDENCE).estimate.covariance(size)
 
 
 def _learnt(
@@ -350,7 +386,7 @@ def _learnt(
         likelihood = window_likelihoods(windows)
         samples = sum(min(log.fresh, LENGTH) for log in ready_logs)
         new = sum(not log.looked for log in ready_logs)
-        before = known.get(sensor, NoiseEvidence.none())
+        before = known.get(sensor, _NO_EVIDENCE)
         known[sensor] = before.joined(likelihood, samples, new, MEMORY)
         if len(known) > MOST:
             del known[next(name for name in known if name not in found)]

@@ -9,8 +9,9 @@ from typing import final
 
 import numpy as np
 
-from ..predictor import Adaptive, Predictor
-from ..values.arrays import Array, assembled
+from ..predictor import Adaptive, AdaptiveFiltering, Predictor
+from ..values.arrays import Array, altered, assembled
+from ..values.beliefs import Beliefs
 from ..values.errors import WideberthError
 from ..values.failures import caught
 from ..values.forecast import Forecast, Scene, on_grid, resample
@@ -51,6 +52,7 @@ class Perception:
     logged : the noise of each sensor that was logged last, m.
     paused : whether a long pause was noted.
     placeless : names of those that the last observation saw without a place, see `sound`.
+    filtered : the tracks that the predictor has filtered last, and what came of it.
     """
 
     predictor: Predictor
@@ -63,6 +65,7 @@ class Perception:
     logged: Mapping[str, float] = field(default_factory=dict)
     paused: bool = False
     placeless: tuple[str, ...] = ()
+    filtered: tuple[Tracks, Beliefs] | None = None
 
     @classmethod
     def initial(
@@ -130,6 +133,7 @@ class Perception:
             _logged(history.noise, self.logged),
             self.paused or paused,
             sighting.placeless,
+            self.filtered,
         )
 
     def drained(self) -> tuple["Perception", tuple[str, ...]]:
@@ -137,14 +141,32 @@ class Perception:
         return replace(self, notes=()) if self.notes else self, self.notes
 
     def learnt(self, tracks: Tracks | None, scene: Scene) -> "Perception":
-        """Let a predictor that adapts learn; one that raises stays as it was."""
-        if tracks is None or not isinstance(self.predictor, Adaptive):
+        """Filter what is new, and let a predictor that adapts learn.
+
+        One that raises stays as it was; where its filter does, `forecast` says so.
+        """
+        predictor, notes = self.predictor, self.notes
+        if tracks is None:
             return self
         try:
-            return replace(self, predictor=self.predictor.update(tracks, scene))
+            beliefs = self._beliefs(tracks)
+        except Exception:
+            return altered(self, filtered=None)
+        try:
+            if isinstance(predictor, AdaptiveFiltering):
+                predictor = predictor.update(tracks, scene, beliefs)
+            elif isinstance(predictor, Adaptive):
+                predictor = predictor.update(tracks, scene)
         except Exception as error:
-            note = f"not adapted: {caught(error)}"
-            return replace(self, notes=(*self.notes, note))
+            notes = (*notes, f"not adapted: {caught(error)}")
+        return altered(self, predictor=predictor, filtered=(tracks, beliefs), notes=notes)
+
+    def _beliefs(self, tracks: Tracks) -> Beliefs:
+        """Filter what is new in the tracks."""
+        last, beliefs = self.filtered or (None, None)
+        if beliefs is not None and last is tracks:
+            return beliefs
+        return self.predictor.filtered(tracks, beliefs)
 
     def forecast(
         self, tracks: Tracks | None, first: float, grid: Array, scene: Scene
@@ -174,7 +196,7 @@ class Perception:
         raises for each of them, it is the predictor that is broken, and the error is passed on.
         """
         try:
-            forecast = self.predictor.predict(tracks, steps, scene)
+            forecast = self.predictor.ahead(self._beliefs(tracks), tracks, steps, scene)
         except Exception:
             causes = [
                 self._cause(tracks.select([row]), steps, scene, row) for row in range(len(tracks))

@@ -1,12 +1,14 @@
 """Limits on the numbers that predictors compute with, and the treatment of larger ones."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from .arrays import FARTHEST, Array, BoolArray
+from .arrays import FARTHEST, Array, BoolArray, altered
 from .forecast import Scene
+from .measurements import AdmittedMeasurements, Measurements
 from .tracks import Tracks
 
 LEAP, FASTEST, LONGEST_LEAP = 1e4, 1e3, 1e6
@@ -42,8 +44,9 @@ def bounded(tracks: Tracks, scene: Scene | None) -> LimitedNumbers | None:
     leaves the range of a float by squares, fourth powers or inverses, nor do the rounding
     errors of the largest number drown the smallest. Beyond them
 
-    - a sample farther than `FARTHEST` from the origin counts as not observed;
+    - a sample or measurement farther than `FARTHEST` from the origin counts as not observed;
     - so do those before a leap, see `LEAP`;
+    - of measurements less than `SHORTEST` apart the last one counts;
     - an eigenvalue of a covariance above `VAGUEST`^2 counts as that much, so that the obstacle
       is still forecast near the place where it was seen;
     - a radius counts as `FARTHEST` at most, and so does a tracked velocity along an axis;
@@ -51,6 +54,21 @@ def bounded(tracks: Tracks, scene: Scene | None) -> LimitedNumbers | None:
     - a time step counts as the nearest limit, for all obstacles;
     - a goal of the scene counts as one in the same direction at the limit, its plan or state
       of the robot as unknown.
+    """
+    limited = _limited(tracks)
+    near = None if scene is None else _scene(scene)
+    if limited is None and near is scene:
+        return None
+    if limited is None:
+        return LimitedNumbers(tracks, near, (None,) * len(tracks))
+    return LimitedNumbers(limited[0], near, limited[1])
+
+
+@lru_cache(maxsize=8)
+def _limited(tracks: Tracks) -> tuple[Tracks, tuple[str | None, ...]] | None:
+    """Return tracks within the limits, and the reasons; None where they are.
+
+    Kept for the calls that one decision makes with the same tracks.
     """
     positions, far = _places(tracks.positions)
     positions, leapt = _after_leaps(positions, tracks.dt)
@@ -62,18 +80,23 @@ def bounded(tracks: Tracks, scene: Scene | None) -> LimitedNumbers | None:
     wide = np.asarray(tracks.radius > FARTHEST, dtype=np.bool_)
     radius = np.minimum(tracks.radius, FARTHEST) if wide.any() else tracks.radius
     dt = min(max(tracks.dt, SHORTEST), LONGEST)
-    near = None if scene is None else _scene(scene)
     velocity, fast = _speeds(tracks.velocity, len(tracks))
+    sightings, hasty = tracks.sightings, np.zeros(len(tracks), dtype=np.bool_)
+    if sightings is not None:
+        sightings, faults = _sightings(sightings)
+        far, leapt, vague = far | faults[0], leapt | faults[1], vague | faults[2]
+        hasty = faults[3]
     new: dict[str, Any] = {
         **{"positions": positions, "noise": noise, "state_covariance": tracker},
-        **{"velocity": velocity, "radius": radius, "dt": dt},
+        **{"velocity": velocity, "radius": radius, "dt": dt, "sightings": sightings},
     }
-    if near is scene and all(value is getattr(tracks, name) for name, value in new.items()):
+    if all(value is getattr(tracks, name) for name, value in new.items()):
         return None
     causes = {
         f"steps of {tracks.dt:.3g} s, taken as {dt:g} s": np.full(len(tracks), dt != tracks.dt),
         f"samples beyond {FARTHEST:g} m, taken as not observed": far,
         f"a leap of more than {LEAP:g} m, taken as a new beginning": leapt,
+        f"measurements less than {SHORTEST:g} s apart, the last one taken": hasty,
         f"known to more than {VAGUEST:g} m, taken as that": vague,
         f"a radius above {FARTHEST:g} m, taken as that": wide,
         f"a velocity above {FARTHEST:g} m/s, taken as that": fast,
@@ -82,7 +105,49 @@ def bounded(tracks: Tracks, scene: Scene | None) -> LimitedNumbers | None:
         "; ".join(cause for cause, where in causes.items() if where[index]) or None
         for index in range(len(tracks))
     )
-    return LimitedNumbers(replace(tracks, **new), near, reasons)
+    return replace(tracks, **new), reasons
+
+
+def _sightings(sightings: Measurements) -> tuple[Measurements, BoolArray]:
+    """Return sightings within the limits, and which obstacles had others.
+
+    The latter are (4, O): those with measurements too far away, after a leap, too vague, and too
+    soon after each other.
+    """
+    faults: BoolArray = np.zeros((4, len(sightings)), dtype=np.bool_)
+    if isinstance(sightings, AdmittedMeasurements) or not len(sightings):
+        return sightings, faults
+    size = np.abs(np.concatenate(sightings.values))
+    places, spreads = size[:, : sightings.size], size[:, sightings.size :]
+    soon = [np.append(np.diff(times) < SHORTEST, False)[: len(times)] for times in sightings.times]
+    fine = _largest(places) <= 0.25 * LEAP and _largest(spreads) <= VAGUEST**2
+    fine &= not any(early.any() for early in soon)
+    if fine and not _tiny(places, FINEST) and not _tiny(spreads, FINEST**2):  # the usual case
+        return sightings, faults
+    kept: list[BoolArray] = []
+    values: list[Array] = []
+    parts = zip(sightings.times, sightings.positions, sightings.noise, strict=True)
+    for row, (times, place, noise) in enumerate(parts):
+        far = np.abs(place).max(axis=1, initial=0.0) > FARTHEST
+        near = ~(far | soon[row])
+        seen = np.flatnonzero(near)
+        way = np.linalg.norm(np.diff(place[seen], axis=0), axis=1)
+        leap = way > np.minimum(LEAP + FASTEST * np.diff(times[seen]), LONGEST_LEAP)
+        if leap.any():
+            near[: seen[np.flatnonzero(leap)[-1] + 1]] = False
+        spread, vague = _spreads(noise)
+        faults[:, row] = far.any(), leap.any(), vague.any(), soon[row].any()
+        exact = np.where(np.abs(place) < FINEST, 0.0, place)
+        values.append(
+            np.concatenate([exact, spread.reshape(len(times), sightings.size**2)], axis=1)
+        )
+        kept.append(near)
+    return altered(sightings, values=tuple(values)).part(kept), faults
+
+
+def _tiny(size: Array, limit: float) -> bool:
+    """Whether any of some numbers of at least 0 is below a limit, but not 0."""
+    return bool(((size < limit) & (size > 0)).any())
 
 
 def _places(positions: Array) -> tuple[Array, BoolArray]:
@@ -119,6 +184,13 @@ def _after_leaps(positions: Array, dt: float) -> tuple[Array, BoolArray]:
     return np.where((columns < first[:, None])[:, :, None], np.nan, positions), leapt
 
 
+def vague_at_most(covariance: Array) -> Array:
+    """Return a covariance, (S, S), with no eigenvalue above `VAGUEST`^2."""
+    if float(np.abs(covariance).max()) <= VAGUEST**2:
+        return covariance
+    return np.asarray(_spreads(covariance[None])[0][0])
+
+
 def _spreads(covariance: Array) -> tuple[Array, BoolArray]:
     """Return covariances within the limits, (O, S, S), and which had larger values, (O,)."""
     size = np.abs(covariance)
@@ -131,7 +203,8 @@ def _spreads(covariance: Array) -> tuple[Array, BoolArray]:
     if vague.any():
         scale = largest[vague, None, None]
         values, vectors = np.linalg.eigh(kept[vague] / scale)
-        values = np.clip(values, 0.0, VAGUEST**2 / scale[..., 0]) * scale[..., 0]
+        most = (1.0 - 1e-12) * VAGUEST**2  # a limit that rounding does not cross a second time
+        values = np.clip(values, 0.0, most / scale[..., 0]) * scale[..., 0]
         capped = (vectors * values[:, None, :]) @ vectors.swapaxes(1, 2)
         kept[vague] = 0.5 * (capped + capped.swapaxes(1, 2))
     return kept, vague
@@ -145,6 +218,7 @@ def _speeds(velocity: Array | None, count: int) -> tuple[Array | None, BoolArray
     return np.clip(velocity, -FARTHEST, FARTHEST), fast
 
 
+@lru_cache(maxsize=8)
 def _scene(scene: Scene) -> Scene:
     """Return the scene within the limits; itself where it is."""
     changes: dict[str, Any] = {}

@@ -2,12 +2,19 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array, checked, checked_covariance, positive, settle
 from .errors import WideberthError
+from .measurements import Measurements, measurements_on_grid
+
+ON_GRID = 1e-6
+"""Steps by which a measurement may miss a grid time and still count as taken at it."""
+LONGEST_LAG = 1e6
+"""s since a measurement; a longer time counts as that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +32,14 @@ class Tracks:
     state_covariance : (O, 2D, 2D) covariance of position and velocity from a tracker, or
         None if there is none.
     velocity : (O, D), m/s, at the newest observed sample from the same tracker, or None.
+    sightings : every measurement at its own time, up to ``stamp``; None where the samples of the
+        grid are all that is known, as of a recording. Filters use them, regressions the grid.
 
     Raises
     ------
     WideberthError : shapes that do not fit, dt or radius not positive, covariance not PSD,
-        repeated ids, infinite positions, a velocity without a state covariance.
+        repeated ids, infinite positions, a velocity without a state covariance, sightings of
+        another number of obstacles or dimension or after ``stamp``.
     """
 
     positions: Array
@@ -40,6 +50,7 @@ class Tracks:
     stamp: float
     state_covariance: Array | None
     velocity: Array | None
+    sightings: Measurements | None
 
     def __init__(
         self,
@@ -51,6 +62,7 @@ class Tracks:
         stamp: float = 0.0,
         state_covariance: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
+        sightings: Measurements | None = None,
     ) -> None:
         positions = checked(
             "tracks.positions",
@@ -83,6 +95,23 @@ class Tracks:
             velocity = checked("tracks.velocity", velocity, (count, size))
         settle(self, positions=positions, dt=dt, ids=names, radius=radius, noise=noise)
         settle(self, stamp=stamp, state_covariance=state_covariance, velocity=velocity)
+        settle(self, sightings=sightings)
+        if sightings is not None:
+            self._check_sightings(sightings)
+
+    def _check_sightings(self, sightings: Measurements) -> None:
+        """Refuse sightings that do not belong to these tracks."""
+        if len(sightings) != len(self):
+            raise WideberthError(
+                f"tracks.sightings are of {len(sightings)} obstacles; wanted {len(self)}"
+            )
+        if len(sightings) and sightings.size != self.dimension:
+            raise WideberthError(f"tracks.sightings need {self.dimension} coordinates each")
+        if (sightings.newest > self.stamp).any():
+            raise WideberthError(
+                f"tracks.sightings end at {sightings.newest.max():g} s; wanted none after "
+                f"tracks.stamp, {self.stamp:g} s"
+            )
 
     def __repr__(self) -> str:
         """Say who was tracked, for how long, and how much of it was observed."""
@@ -102,9 +131,31 @@ class Tracks:
         """D, 2 or 3."""
         return int(self.positions.shape[2])
 
+    @cached_property
+    def measured(self) -> Measurements:
+        """The sightings, or the observed samples of the grid, at times relative to ``stamp``."""
+        if self.sightings is not None:
+            return self.sightings
+        return measurements_on_grid(self.positions, self.dt, self.noise)
+
+    @property
+    def clock(self) -> float:
+        """Time of the newest row as `measured` counts it, s."""
+        return 0.0 if self.sightings is None else self.stamp
+
+    @cached_property
+    def lag(self) -> Array:
+        """Time since each obstacle was measured last, (O,), s; 0 where it never was.
+
+        What is below the resolution of the clock, or 1e-6 of a step, is 0; `LONGEST_LAG` at most.
+        """
+        lag = self.clock - self.measured.newest
+        least = max(ON_GRID * self.dt, 4.0 * float(np.spacing(abs(self.clock))))
+        return np.where((lag > least) & (lag < np.inf), np.minimum(lag, LONGEST_LAG), 0.0)
+
     def select(self, index: list[int]) -> "Tracks":
         """Return the tracks with these indices, in this order."""
-        joint, velocity = self.state_covariance, self.velocity
+        joint, velocity, sightings = self.state_covariance, self.velocity, self.sightings
         return Tracks(
             self.positions[index],
             self.dt,
@@ -114,4 +165,5 @@ class Tracks:
             self.stamp,
             None if joint is None else joint[index],
             None if velocity is None else velocity[index],
+            None if sightings is None else sightings.select(index),
         )

@@ -11,13 +11,17 @@ from ...framework.calibration import Calibration, CalibrationScores
 from ...framework.numerics.special import content_bound
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.windows import IntArray, Windows
-from ...framework.values.arrays import Array, checked, positive
+from ...framework.values.arrays import Array, altered, assembled, checked, positive
+from ...framework.values.beliefs import Beliefs
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import Forecast, heeded
+from ...framework.values.measurements import measurements_on_grid
 from ...framework.values.tracks import Tracks
 from ...metrics.episode import SMALLEST, squared_mahalanobis
 from .assembly import more_modes
-from .history import gather
+
+GRID = 80
+"""Rows of the past that are on the grid of a forecast that knows all of it, as in a planner."""
 
 Judge: TypeAlias = Callable[[Forecast, IntArray, Array], Array]
 """(forecast, indices of those forecast, where all are (O, N, D)) -> squared errors (P, N) of
@@ -55,24 +59,28 @@ def scaled(forecast: Forecast, known: Array, known_dt: float, tracks: Tracks) ->
     ----------
     known : (K,) or, of each obstacle its own, (O, K); above 0, for the times dt, 2 dt, ... of
         ``known_dt``, s.
-    tracks : what was forecast; the past steps of obstacles that are late are dropped.
+    tracks : what was forecast.
     """
-    late = gather(tracks).late
-    times = tracks.dt * (late[:, None] + np.arange(1.0, forecast.steps + 1))
-    grid = known_dt * np.arange(1, known.shape[-1] + 1)
-    if known.ndim == 1:
-        scale = np.interp(times, grid, known)
+    last = known.shape[-1] - 1
+    rows = known if known.ndim == 2 else np.broadcast_to(known, (len(tracks), last + 1))
+    if known_dt == tracks.dt and not tracks.lag.any():  # the usual case: the same grid
+        scale = rows[:, np.minimum(np.arange(forecast.steps), last)]
     else:
-        rows = [np.interp(time, grid, own) for time, own in zip(times, known, strict=True)]
-        scale = np.reshape(rows, times.shape)
+        times = tracks.lag[:, None] + tracks.dt * np.arange(1.0, forecast.steps + 1)
+        place = np.clip(times / known_dt - 1.0, 0.0, last)
+        below = np.minimum(place.astype(np.int64), max(last - 1, 0))
+        share, above = place - below, np.minimum(below + 1, last)
+        each = np.arange(len(tracks))[:, None]
+        scale = (1.0 - share) * rows[each, below] + share * rows[each, above]
     joint = forecast.joint_source is not None
-    return Forecast(
-        forecast.mean,
-        forecast.covariance * scale[:, None, :, None, None],
-        forecast.weight,
-        forecast.dt,
-        forecast.fallback,
-        partial(_scaled_joint, forecast, scale) if joint else None,
+    return assembled(  # scales are above 0
+        Forecast,
+        mean=forecast.mean,
+        covariance=forecast.covariance * scale[:, None, :, None, None],
+        weight=forecast.weight,
+        dt=forecast.dt,
+        fallback=forecast.fallback,
+        joint_source=partial(_scaled_joint, forecast, scale) if joint else None,
     )
 
 
@@ -82,10 +90,8 @@ def _scaled_joint(forecast: Forecast, scale: Array) -> Array:
     return np.asarray(forecast.joint * (root[:, :, None] * root[:, None, :])[:, None])
 
 
-def replayed(
-    predictor: Predictor, scene: Tracks, windows: Windows, length: int | None = None
-) -> tuple[Array, Array, Array]:
-    """Forecast every window from the samples observed up to its newest row.
+def replayed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Array, Array, Array]:
+    """Forecast every window from its own samples.
 
     Row by row and with all obstacles present there, so that a predictor which looks at
     neighbours sees the true ones.
@@ -96,22 +102,53 @@ def replayed(
     scene : the whole recording that the windows were cut from, or one with more tracks
         whose ``obstacle`` numbers mean the same.
     windows : at least one.
-    length : rows of past, the newest included; by default those of the windows.
 
     Returns
     -------
     mean (W, M, N, D), covariance (W, M, N, D, D) and weight (W, M), in the windows' order.
     M is the most modes of any row; missing ones repeat the first with weight 0.
     """
-    own, steps = windows.tracks.positions.shape[1], windows.future.shape[1]
+    length, steps = windows.tracks.positions.shape[1], windows.future.shape[1]
+
+    def forecast(row: int) -> tuple[Forecast, IntArray]:
+        now, present = seen_at(scene, row, length)
+        return predictor.predict(now, steps), present
+
+    return _of_each_row(forecast, windows)
+
+
+def followed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Array, Array, Array]:
+    """Forecast every window from all that was seen before, as a planner does; see `replayed`."""
+    steps, dt = windows.future.shape[1], scene.dt
+    every = measurements_on_grid(scene.positions, dt, scene.noise)
+    last = scene.positions.shape[1] - 1
+    beliefs: Beliefs | None = None
+
+    def forecast(row: int) -> tuple[Forecast, IntArray]:
+        nonlocal beliefs
+        now, present = seen_at(scene, row, GRID)
+        stamp = dt * (row - last)
+        seen = every.select(present.tolist())
+        used = [int(times.searchsorted(stamp + 0.5 * dt)) for times in seen.times]
+        seen = altered(seen.part([slice(number) for number in used]), log=tuple(present.tolist()))
+        now = replace(now, stamp=stamp, sightings=seen)
+        beliefs = predictor.filtered(now, beliefs)
+        return predictor.ahead(beliefs, now, steps), present
+
+    return _of_each_row(forecast, windows)
+
+
+def _of_each_row(
+    forecast: Callable[[int], tuple[Forecast, IntArray]], windows: Windows
+) -> tuple[Array, Array, Array]:
+    """Ask for the forecast of each row, in order, and sort what it says by window."""
     parts: list[tuple[Array, Array, Array]] = []
     order = np.argsort(windows.row, kind="stable")
     starts = np.flatnonzero(np.diff(windows.row[order], prepend=-1))
     for chosen in np.split(order, starts[1:]):
-        now, present = seen_at(scene, int(windows.row[chosen[0]]), length or own)
-        forecast = predictor.predict(now, steps)
+        said, present = forecast(int(windows.row[chosen[0]]))
         place = np.searchsorted(present, windows.obstacle[chosen])
-        parts.append((forecast.mean[place], forecast.covariance[place], forecast.weight[place]))
+        parts.append((said.mean[place], said.covariance[place], said.weight[place]))
     modes = max(part[2].shape[1] for part in parts)
     back = np.argsort(order, kind="stable")
     mean, covariance, weight = (

@@ -16,8 +16,6 @@ gap is dropped (at the paper's 2 Hz this is a gap of 3 s)."""
 
 NOISE_FLOOR = 0.01
 """m, standard deviation that the measurement noise has beside what is stated."""
-FILTERED = 40
-"""Newest samples that a filter goes through; older ones no longer matter to the state."""
 ROUNDING = 1e-12
 """Share of its largest eigenvalue below which another one of a covariance is rounding."""
 

@@ -1,317 +1,549 @@
-"""Kalman filters over all obstacles at once: arrays in, arrays out.
+"""Kalman filters of all obstacles at once, each measurement at its own time.
 
-The models here treat all axes alike and apart: F = f kron I and Q = q kron I, with f and q
-the (s, s) matrices of one axis and the state ordered (position, velocity, ...), each of D
-components. Then, in the principal axes of its measurement noise, an obstacle is D filters
-with one scalar measurement each. Covariances do not depend on what is measured but only on
-when and how well, so that they are computed once for all axes with the same noise and the
-same missing samples, and kept for the next call: as long as nothing is missed, the samples
-counted from an obstacle's first one are the same for all obstacles and at all calls.
+Notation: O obstacles, M modes (models that may be in force), D coordinates, s components of the
+state along one axis (position, velocity, ...), N steps. All axes move alike and apart: a mode
+moves the components of an axis by f (s, s) and adds noise of covariance q (s, s). One mode is the
+plain Kalman filter, several are interacting multiple models (IMM). Obstacles are the last axis:
+sums over few components then run along memory.
 """
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
-from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.arrays import Array, BoolArray, assembled
+from ...framework.values.beliefs import Beliefs
 from ...framework.values.forecast import Forecast
-from ...framework.values.tracks import Tracks
-from .assembly import Gaussians, finish
-from .history import Histories, IntArray
-from .propagation import Growth, after, step_joint
+from ...framework.values.measurements import IntArray, Measurements
+from ...framework.values.tracks import ON_GRID, Tracks
+from .assembly import NEVER_SEEN_SPREAD
+from .history import LONGEST_GAP, ROUNDING, gather
+from .propagation import after, cut_steps
+
+FAINTEST = -690.0
+"""Least logarithm of a mode's probability over that of the likeliest one: 1e-300."""
+BLOCK = 32
+"""Steps by which kept tables differ in length: from call to call more or fewer are asked for."""
+MOST_STEPS = 200
+"""Steps from the newest measurement of an obstacle to the present; longer ones beyond them."""
+PAUSE = LONGEST_GAP + 1 + 1e-6
+"""Steps of the tracks; after a longer pause between two measurements a filter begins anew."""
 
 
-@dataclass(frozen=True, eq=False)
-class AxisModel:
-    """How one axis moves: s_{k+1} = f s_k + w, w ~ N(0, q), the position first.
+class Step(NamedTuple):
+    """How modes move in given times, one for each of L obstacles, or L = 1 for all of them.
 
     Attributes
     ----------
-    transition : (s, s), f.
-    process : (s, s), q.
-    start : (s - 1,), variances of velocity, ... at the first sample, where their mean is 0.
+    transition, process : (s, s, M, L), f and q.
+    switching : (M, M, L), pi_ij, the probability that mode j follows mode i.
     """
 
     transition: Array
     process: Array
-    start: Array
+    switching: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Filtered:
-    """Filtered state of each obstacle at its newest observed sample.
+class Motion(ABC):
+    """Modes of motion: a frozen value that can be hashed."""
+
+    @property
+    @abstractmethod
+    def start(self) -> tuple[float, ...]:
+        """Variances of velocity, ... along an axis at the first measurement; their mean is 0."""
+
+    @abstractmethod
+    def step(self, times: Array) -> Step:
+        """Return how the modes move in times (L,), s."""
+
+    @property
+    @abstractmethod
+    def usual(self) -> tuple[float, ...]:
+        """Probability of each mode in the long run, (M,)."""
+
+
+class Modes(NamedTuple):
+    """State of each obstacle under each mode, relative to an origin of its own.
 
     Attributes
     ----------
-    state : (O, s*D): position relative to the origin of the history, velocity, ...
-    covariance : (O, s*D, s*D).
+    weight : (M, O), mode probabilities, mu.
+    state : (s, D, M, O).
+    covariance : (s, D, s, D, M, O).
     """
 
+    weight: Array
     state: Array
     covariance: Array
 
+    def at(self, rows: IntArray) -> "Modes":
+        """Return those of some obstacles, in increasing order."""
+        if len(rows) == self.weight.shape[-1]:
+            return self
+        return Modes(*(np.take(part, rows, axis=-1) for part in self))
 
-def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
-    """Filter all histories from the first sample on; missing samples are only predicted.
+    def replaced(self, rows: IntArray, part: "Modes") -> "Modes":
+        """Return them with those of some obstacles, in increasing order, replaced."""
+        if len(rows) == self.weight.shape[-1]:
+            return part
+        copy = Modes(*(whole.copy() for whole in self))
+        for whole, own in zip(copy, part, strict=True):
+            whole[..., rows] = own
+        return copy
 
-    The first sample starts the filter: position z_0 with covariance R, the rest 0 with the
-    variances of the model.
+
+def mixed(modes: Modes, switching: Array) -> Modes:
+    """Return the modes just before the next step, by the mode that will be in force.
+
+    c_j = sum_i pi_ij mu_i,   omega_ij = pi_ij mu_i / c_j,
+    x_0j = sum_i omega_ij x_i,   P_0j = sum_i omega_ij (P_i + (x_i - x_0j)(x_i - x_0j)')
+    """
+    if len(modes.weight) == 1:
+        return modes
+    share = switching * modes.weight[:, None]
+    weight = share.sum(axis=0)
+    share /= weight
+    state = np.einsum("ijo,sdio->sdjo", share, modes.state)
+    gap = modes.state[:, :, :, None] - state[:, :, None]
+    covariance = np.einsum("ijo,sdteio->sdtejo", share, modes.covariance)
+    covariance += np.einsum("sdijo,teijo->sdtejo", share * gap, gap)
+    return Modes(weight, state, covariance)
+
+
+def moved(modes: Modes, step: Step) -> Modes:
+    """Return the modes one step on: mixed, then predicted by each mode, f x and f P f' + q."""
+    weight, state, covariance = mixed(modes, step.switching)
+    f = step.transition
+    ahead = np.einsum("abmo,bdmo->admo", f, state)
+    half = np.einsum("abmo,bdtemo->adtemo", f, covariance)
+    spread = np.einsum("adtemo,btmo->adbemo", half, f)
+    for axis in range(state.shape[1]):
+        spread[:, axis, :, axis] += step.process
+    return Modes(weight, ahead, spread)
+
+
+def updated(modes: Modes, place: Array, whitening: Array) -> Modes:
+    """Return the modes after one measured position, mu_j = c_j Lambda_j / sum of them.
+
+    With W' W = R^-1 the D numbers W z have independent errors of variance 1, and are taken one
+    after the other, h = a row of W:
+
+    K = P h / S,  S = h' P h + 1,  P+ = (I - K h') P (I - K h')' + K K'
+
+    (Joseph's form: it stays positive semi-definite but for rounding; after jumps of 1e9 m that
+    is larger than 1, so that h' P h is cut at 0.)
 
     Parameters
     ----------
-    past : histories; what was filled in is not used.
-    noise : (O, D, D), m^2, positive definite, R.
-    model : of one axis.
+    place : (D, O), m, relative to the origins.
+    whitening : (D, D, O), W, lower triangular, 1/m.
     """
-    count, rows, size = past.positions.shape
-    order = len(model.transition)
-    if rows == 0 or count == 0:
-        return Filtered(np.zeros((count, order * size)), started(noise, model))
-    variance, vectors = _axes(noise)
-    local = (past.positions @ vectors).transpose(1, 0, 2).reshape(rows, count * size)
-    began = np.repeat(past.began, size)
-    spread, seen = variance.ravel(), _from_the_first(past)
-    if seen.all():  # the usual case: axes differ by their noise alone
-        spread, which = _different(spread)
-        seen = np.ones((len(spread), rows), dtype=np.bool_)
-    else:
-        seen = np.repeat(seen, size, axis=0)
-        first, which = _distinct(spread, seen)
-        spread, seen = spread[first], seen[first]
-    tables = _tables(spread.tobytes(), seen.tobytes(), rows, model)
-    state = _filter_means(local, began, tables, which, model.transition)
-    covariance = tables.covariance[np.maximum(rows - 1 - began, 0), which]
-    covariance = covariance.reshape(count, size, order, order)
-    back = vectors[:, None] * covariance.transpose(0, 2, 3, 1).reshape(count, -1, 1, size)
-    whole = (back @ vectors.swapaxes(1, 2)[:, None]).reshape(count, order, order, size, size)
-    return Filtered(
-        np.einsum("oij,ojs->osi", vectors, state.reshape(count, size, order)).reshape(count, -1),
-        whole.transpose(0, 1, 3, 2, 4).reshape(count, order * size, order * size),
-    )
+    state, covariance = modes.state, modes.covariance
+    evidence = np.zeros(modes.weight.shape)
+    for row, measured in zip(whitening, np.einsum("abo,bo->ao", whitening, place), strict=True):
+        h = row[:, None]
+        column = (covariance[:, :, 0] * h).sum(axis=2)
+        total = np.maximum((column[0] * h).sum(axis=0), 0.0) + 1.0
+        gain = column / total
+        gap = measured - (state[0] * h).sum(axis=0)
+        state = state + gain * gap
+        kept = covariance - gain[:, :, None, None] * column
+        rest = (kept[:, :, 0] * h).sum(axis=2) - gain
+        covariance = kept - rest[:, :, None, None] * gain
+        evidence -= 0.5 * (np.log(total) + gap**2 / total)
+    if len(evidence) == 1:
+        return Modes(modes.weight, state, covariance)
+    # No mode becomes impossible: one that weighs nothing at all could never come back, and
+    # after steps much longer than the dwell time nothing would lead to the others.
+    logarithm = np.log(modes.weight) + evidence
+    weight = np.exp(np.maximum(logarithm - logarithm.max(axis=0), FAINTEST))
+    return Modes(weight / weight.sum(axis=0), state, covariance)
 
 
-def _different(spread: Array) -> tuple[Array, IntArray]:
-    """Return the different numbers among some, and which of them each is."""
-    if (spread == spread[0]).all():
-        return spread[:1], np.zeros(len(spread), dtype=np.int64)
-    found, which = np.unique(spread, return_inverse=True)
-    return found, which.astype(np.int64)
+def whitened(noise: Array) -> Array:
+    """Return W, lower triangular, with W' W = R^-1, (D, D, O), for positive definite R."""
+    size = len(noise)
+    root, inverse = np.zeros_like(noise), np.zeros_like(noise)
+    for j in range(size):
+        rest = noise[j:, j] - (root[j:, :j] * root[j, :j]).sum(axis=1)
+        root[j:, j] = rest / np.sqrt(rest[0])
+    for j in range(size):
+        inverse[j, j] = 1.0 / root[j, j]
+        for i in range(j + 1, size):
+            inverse[i, j] = -(root[i, j:i] * inverse[j:i, j]).sum(axis=0) / root[i, i]
+    return inverse
 
 
-def _axes(noise: Array) -> tuple[Array, Array]:
-    """Eigenvalues and eigenvectors of each; once where all are the same, as of one sensor."""
-    if not (noise == noise[0]).all():
-        return np.linalg.eigh(noise)
-    variances, axes = np.empty(noise.shape[:2]), np.empty(noise.shape)
-    variances[...], axes[...] = _axes_of_one(noise[0].tobytes(), noise.shape[1])
-    return variances, axes
+def floored(noise: Array, floor: float) -> Array:
+    """Return covariances of measurements (..., D, D) that are never below ``floor``, m^2.
 
-
-@lru_cache(maxsize=16)
-def _axes_of_one(noise: bytes, size: int) -> tuple[Array, Array]:
-    """Return those of one covariance (D, D), kept for the next call."""
-    values, vectors = np.linalg.eigh(np.frombuffer(noise).reshape(size, size))
-    return values, vectors
-
-
-def on_all_axes(matrix: Array, size: int) -> Array:
-    """Matrix of the whole state from that of one axis, m kron I, (s*D, s*D)."""
-    return np.asarray(np.kron(matrix, np.eye(size)), dtype=np.float64)
-
-
-def started(noise: Array, model: AxisModel) -> Array:
-    """Covariance at the first sample, blkdiag(R, start kron I), (O, s*D, s*D)."""
-    count, size = noise.shape[:2]
-    total = len(model.transition) * size
-    covariance = np.zeros((count, total, total))
-    covariance[:, :size, :size] = noise
-    covariance[:, size:, size:] = on_all_axes(np.diag(model.start), size)
-    return covariance
-
-
-def _from_the_first(past: Histories) -> BoolArray:
-    """Whether each sample counted from an obstacle's first one was observed, (O, T).
-
-    What lies beyond the newest one counts as observed: it is not reached.
+    R + max(floor^2, 1e-12 tr R) I. Adding (rather than clipping eigenvalues) keeps it smooth and
+    turns with the world. The share of the trace is for noise of kilometres, whose smallest
+    eigenvalue would be rounding, and perhaps negative.
     """
-    rows = past.observed.shape[1]
-    if not past.began.any():
-        return past.observed
-    column = past.began[:, None] + np.arange(rows)
-    known = past.observed[np.arange(len(column))[:, None], np.minimum(column, rows - 1)]
-    return np.asarray(known | (column >= rows), dtype=np.bool_)
+    trace = noise.trace(axis1=-2, axis2=-1)
+    least = np.maximum(floor**2, ROUNDING * trace)[..., None, None]
+    return np.asarray(noise + least * np.eye(noise.shape[-1]))
 
 
-def _distinct(variance: Array, seen: BoolArray) -> tuple[IntArray, IntArray]:
-    """First index of each distinct pair (variance, row of ``seen``), and which one each is."""
-    bits = np.packbits(seen, axis=1)
-    keys = np.concatenate([variance[:, None].view(np.uint8), bits], axis=1)
-    packed = np.ascontiguousarray(keys).view(np.dtype((np.void, keys.shape[1])))[:, 0]
-    _, first, which = np.unique(packed, return_index=True, return_inverse=True)
-    return first.astype(np.int64), which.astype(np.int64)
+def _whitening(noise: Array, floor: float) -> Array:
+    """Return W, (D, D, O), of floored covariances (O, D, D); one where all are the same."""
+    if (noise == noise[0]).all():
+        return _same_whitening(noise[0].tobytes(), noise.shape[1], floor)
+    return whitened(floored(noise, floor).transpose(1, 2, 0))
+
+
+@lru_cache(maxsize=64)
+def _same_whitening(noise: bytes, size: int, floor: float) -> Array:
+    return whitened(floored(np.frombuffer(noise).reshape(size, size), floor)[..., None])
+
+
+class Round(NamedTuple):
+    """The next measurement of each obstacle that has one.
+
+    Attributes
+    ----------
+    rows : (R,), of the obstacles, increasing.
+    time : (R,), s, of the measurements.
+    lag : (R,), s, since the last one of the same obstacle; inf where the filter begins with it.
+    place : (R, D), m. noise : (R, D, D), m^2.
+    """
+
+    rows: IntArray
+    time: Array
+    lag: Array
+    place: Array
+    noise: Array
+
+    def where(self, chosen: BoolArray) -> "Round":
+        """Return the measurements where a mask (R,) is True."""
+        if chosen.all():
+            return self
+        numbers = self.time, self.lag, self.place, self.noise
+        return Round(self.rows[chosen], *(part[chosen] for part in numbers))
+
+
+def rounds(
+    sightings: Measurements, first: IntArray, newest: Array, pause: float
+) -> Iterator[Round]:
+    """Deal out the measurements that were not used yet, the oldest of each obstacle first.
+
+    Parameters
+    ----------
+    sightings : of all obstacles.
+    first : (O,), index of the first one of each that was not used.
+    newest : (O,), s, time of the newest one that was; -inf without any.
+    pause : s; after a longer one a filter begins anew.
+    """
+    number = sightings.count - first
+    rows = np.flatnonzero(number)
+    if not rows.size:
+        return
+    begins = list(zip(rows.tolist(), first[rows].tolist(), strict=True))
+    times = np.concatenate([sightings.times[row][begin:] for row, begin in begins])
+    values = np.concatenate([sightings.values[row][begin:] for row, begin in begins])
+    size = sightings.size
+    places, noise = values[:, :size], values[:, size:].reshape(-1, size, size)
+    number, last = number[rows], newest[rows]
+    index = np.cumsum(number) - number
+    for _ in range(int(number.max())):
+        time = times[index]
+        lag = time - last
+        lag[lag > pause] = np.inf
+        yield Round(rows, time, lag, places[index], noise[index])
+        more = number > 1
+        rows, index, number, last = rows[more], index[more] + 1, number[more] - 1, time[more]
+
+
+def in_steps(lag: Array, dt: float) -> Iterator[tuple[IntArray, Array]]:
+    """Divide times (O,) > 0 into steps of nearly ``dt`` s; whose next step it is, and how long.
+
+    Longer times than `MOST_STEPS` of them are divided into that many.
+    """
+    number = np.minimum(np.maximum(np.rint(lag / dt), 1.0), MOST_STEPS)
+    times = lag / number
+    for done in range(int(number.max(initial=0.0))):
+        rows = np.flatnonzero(number > done)
+        yield rows, times[rows]
+
+
+def carried(modes: Modes, motion: Motion, lag: Array, dt: float) -> Modes:
+    """Return the modes after times (O,) > 0, s, in steps of nearly ``dt`` s."""
+    for rows, times in in_steps(lag, dt):
+        modes = modes.replaced(rows, moved(modes.at(rows), _step(motion, times)))
+    return modes
+
+
+def _step(motion: Motion, times: Array) -> Step:
+    """Return the step of each time; one for all where they are the same."""
+    if (times == times[0]).all():
+        return _same_step(motion, float(times[0]))
+    return motion.step(times)
+
+
+@lru_cache(maxsize=64)
+def _same_step(motion: Motion, time: float) -> Step:
+    return motion.step(np.array([time]))
+
+
+def filtered(tracks: Tracks, before: Beliefs | None, motion: Motion, floor: float) -> Beliefs:
+    """Filter all measurements of all obstacles; see `Filtering.filtered`.
+
+    Each mode starts as likely as it is in the long run, with the first measurement as position,
+    covariance R, and velocity, ... 0 with the variances of the motion.
+
+    Parameters
+    ----------
+    tracks, before : as there.
+    motion : of the modes.
+    floor : m, see `floored`.
+    """
+    sightings, size = tracks.measured, tracks.dimension
+    components, modes_ = len(motion.start) + 1, len(motion.usual)
+    body = components, size
+    shapes = (modes_,), (*body, modes_), (*body, *body, modes_), (size,)
+    first, newest, count, values = (before or Beliefs.none()).resumed(sightings, shapes)
+    if before is not None and values is before.values:
+        return before
+    modes, origin = Modes(*values[:3]), values[3]
+    modes.weight[:, count == 0] = np.array(motion.usual)[:, None]
+    for each in rounds(sightings, first, newest, PAUSE * tracks.dt):
+        fresh = np.isinf(each.lag)
+        if fresh.any():
+            new = each.where(fresh)
+            origin[:, new.rows], count[new.rows] = new.place.T, 0
+            modes = modes.replaced(new.rows, _begun(new, motion, floor))
+        if not fresh.all():
+            old = each.where(~fresh)
+            ahead = carried(modes.at(old.rows), motion, old.lag, tracks.dt)
+            place = old.place.T - origin[:, old.rows]
+            now = updated(ahead, place, _whitening(old.noise, floor))
+            modes = modes.replaced(old.rows, now)
+        newest[each.rows] = each.time
+        count[each.rows] += 1
+    return Beliefs(sightings.log, newest, count, (*modes, origin))
+
+
+def _begun(new: Round, motion: Motion, floor: float) -> Modes:
+    """Return the modes after the first measurement of obstacles."""
+    noise, start, number = floored(new.noise, floor), motion.start, len(motion.usual)
+    count, size = new.place.shape
+    body = len(start) + 1, size
+    covariance = np.zeros((*body, *body, number, count))
+    covariance[0, :, 0] = noise.transpose(1, 2, 0)[:, :, None]
+    for component, variance in enumerate(start, 1):
+        covariance[component, range(size), component, range(size)] = variance
+    weight = np.repeat(np.array(motion.usual)[:, None], count, axis=1)
+    return Modes(weight, np.zeros((*body, number, count)), covariance)
+
+
+class Readings(NamedTuple):
+    """Moments of the position at steps ahead, from the state and the mode now.
+
+    A position along an axis is a' s + noise, with a that depends on the modes to come.
+
+    Attributes
+    ----------
+    mean : (N, M, s), r = E[a].
+    spread : (N, M, s, s), C = E[a a'] - r r'.
+    noise : (N, M), m^2, variance of the noise.
+    """
+
+    mean: Array
+    spread: Array
+    noise: Array
+
+
+def readings_ahead(motion: Motion, dt: float, steps: int) -> Readings:
+    """Return `readings` for so many steps, from a table that is kept for the next call."""
+    table = readings(motion, dt, BLOCK * -(-steps // BLOCK))
+    return Readings(*(part[:steps] for part in table))
+
+
+@lru_cache(maxsize=32)
+def readings(motion: Motion, dt: float, steps: int) -> Readings:
+    """Return them for the steps dt, 2 dt, ..., by going back from the last one.
+
+    r_h(i) = sum_j pi_ij f_j' r_{h-1}(j),   d_ij = f_j' r_{h-1}(j) - r_h(i)
+    C_h(i) = sum_j pi_ij (f_j' C_{h-1}(j) f_j + d_ij d_ij')
+    n_h(i) = sum_j pi_ij (n_{h-1}(j) + tr(q_j (C_{h-1}(j) + r_{h-1}(j) r_{h-1}(j)')))
+
+    All are sums of squares, so that no digits are lost however fast an obstacle is.
+    """
+    f, q, chain = (part[..., 0] for part in motion.step(np.array([dt])))
+    components, modes = f.shape[0], f.shape[2]
+    mean, noise = np.zeros((modes, components)), np.zeros(modes)
+    mean[:, 0], spread = 1.0, np.zeros((modes, components, components))
+    made = []
+    for _ in range(steps):
+        square = spread + mean[:, :, None] * mean[:, None]
+        noise = chain @ (noise + np.einsum("jab,abj->j", square, q))
+        ahead = np.einsum("abj,ja->jb", f, mean)
+        mean = chain @ ahead
+        apart = ahead - mean[:, None]
+        spread = np.einsum("ij,acj,jab,bdj->icd", chain, f, spread, f)
+        spread += np.einsum("ij,ija,ijb->iab", chain, apart, apart)
+        made.append((mean, spread, noise))
+    if not made:
+        empty = np.empty((0, modes, components))
+        return Readings(empty, empty[..., None] * np.zeros(components), empty[..., 0])
+    return Readings(*(np.stack(part) for part in zip(*made, strict=True)))
+
+
+def moments_ahead(modes: Modes, reads: Readings) -> tuple[Array, Array]:
+    """Mean (N, D, O), m, and covariance (N, D, D, O), m^2, of the position at each step.
+
+    With m_j the mean under mode j and m the mean of all,
+
+    Cov = sum_j mu_j ((C_j + r_j r_j') : P_j + C_j : x_j x_j' + n_j I + (m_j - m)(m_j - m)')
+    """
+    weight, state = modes.weight, modes.state
+    square = reads.spread + reads.mean[..., :, None] * reads.mean[..., None, :]
+    covariance = np.einsum("nmab,adbemo->ndeo", square, weight * modes.covariance)
+    each = np.einsum("nma,admo->ndmo", reads.mean, state)
+    mean = each[:, :, 0]
+    if len(weight) > 1:
+        mean = np.einsum("mo,ndmo->ndo", weight, each)
+        gap = each - mean[:, :, None]
+        covariance += np.einsum("ndmo,nemo->ndeo", weight * gap, gap)
+        covariance += np.einsum("nmab,admo,bemo->ndeo", reads.spread, weight * state, state)
+    noise = np.einsum("nm,mo->no", reads.noise, weight)
+    for axis in range(state.shape[1]):
+        covariance[:, axis, axis] += noise
+    return mean, covariance
 
 
 @dataclass(frozen=True, eq=False)
-class _Tables:
-    """Gains and covariances, which do not depend on measured values, for U kinds of axes.
+class Start:
+    """Where forecasts begin: a whole number of steps before the newest row of the tracks.
 
-    Rows are samples counted from the first one of a history.
-
-    gain : (T, s, U), 0 where nothing is measured, and at the first sample.
-    covariance : (T, U, s, s), after each sample.
-    """
-
-    gain: Array
-    covariance: Array
-
-
-@lru_cache(maxsize=4)
-def _tables(variance: bytes, seen: bytes, rows: int, model: AxisModel) -> _Tables:
-    """Run the covariance recursion for noise variances (U,) and samples (U, T).
-
-    Kept by what it depends on, the model by identity.
-    """
-    noise = np.frombuffer(variance)
-    used = np.frombuffer(seen, dtype=np.bool_).reshape(len(noise), rows)
-    covariance = started(noise[:, None, None], model).transpose(1, 2, 0)
-    gain = np.zeros((rows, len(covariance), len(noise)))
-    found = [covariance]
-    for k in range(1, rows):
-        covariance = advanced(covariance, model.transition, model.process)
-        step, _, measured = scalar_update(covariance, 0, noise)
-        covariance = np.where(used[:, k], measured, covariance)
-        gain[k] = np.where(used[:, k], step, 0.0)
-        found.append(covariance)
-    return _Tables(gain, np.stack(found).transpose(0, 3, 1, 2))
-
-
-def _filter_means(
-    measured: Array, began: IntArray, tables: _Tables, which: IntArray, transition: Array
-) -> Array:
-    """States (B, s) after all samples (T, B).
-
-    The gain is 0 up to the first sample, so that a filter stays there until it begins.
-    """
-    rows, count = measured.shape
-    if tables.gain.shape[2] == 1 and not began.any():  # the usual case needs no look-up
-        gain = tables.gain
-    else:
-        since = np.maximum(np.arange(rows)[:, None] - began, 0)
-        kinds = tables.gain.shape[2]
-        flat = tables.gain.transpose(0, 2, 1).reshape(rows * kinds, -1)
-        gain = flat.take(since * kinds + which, axis=0).transpose(0, 2, 1)
-    state, moved = np.zeros((2, len(transition), count))
-    gap, change, ahead = np.empty(count), np.empty_like(state), moved[0]
-    product, subtract, multiply, add = transition.dot, np.subtract, np.multiply, np.add
-    state[0] = measured[np.minimum(began, rows - 1), np.arange(count)]
-    for share, place in zip(gain[1:], measured[1:], strict=True):
-        product(state, moved)
-        subtract(place, ahead, gap)
-        multiply(share, gap, change)
-        add(moved, change, state)
-    return state.T
-
-
-def advanced(covariance: Array, transition: Array, process: Array) -> Array:
-    """Covariances one step on, F P F' + Q, for P of (S, S, B) that share F and Q."""
-    shape = covariance.shape
-    half = (transition @ covariance.reshape(shape[0], -1)).reshape(shape)
-    turned = transition @ half.swapaxes(0, 1).reshape(shape[0], -1)
-    return np.asarray(turned.reshape(shape) + process[:, :, None])
-
-
-def scalar_update(
-    covariance: Array, component: int, variance: Array
-) -> tuple[Array, Array, Array]:
-    """Gain (S, ...), innovation variance (...) and covariance after measuring one component.
-
-    K = P h / S,  S = h' P h + r,  P+ = (I - K h') P (I - K h')' + r K K'
-
-    (Joseph's form: it stays positive semi-definite but for rounding; after jumps of 1e9 m that
-    is larger than r, so that h' P h is cut at 0.)
-
-    Parameters
+    Attributes
     ----------
-    covariance : (S, S, ...), P.
-    component : of the state that is measured; h is its unit vector.
-    variance : (...), r.
+    modes : of each obstacle.
+    origin : (D, O), m, that states are relative to.
+    late : (O,), that number; a forecast must drop its first ``late`` steps.
+    unseen : (O,), those without a measurement.
     """
-    column = covariance[:, component]
-    total = np.maximum(column[component], 0.0) + variance
-    gain = column / total
-    kept = covariance - gain[:, None] * column
-    joseph = kept - (kept[:, component] - variance * gain)[:, None] * gain
-    return gain, total, joseph
+
+    modes: Modes
+    origin: Array
+    late: IntArray
+    unseen: BoolArray
+
+    @classmethod
+    def of(
+        cls, beliefs: Beliefs, tracks: Tracks, motion: Motion, tracked: BoolArray | None = None
+    ) -> "Start":
+        """Carry beliefs over the part of a step by which measurements miss the grid.
+
+        Parameters
+        ----------
+        beliefs : of the obstacles of the tracks, in any order of modes.
+        tracks : of the obstacles.
+        motion : of the modes.
+        tracked : (O,), whose position, velocity and covariances are those of the tracker; None for
+            nobody. A tracker states them at the newest observed row.
+        """
+        *parts, origin = beliefs.values
+        modes, lag = Modes(*parts), tracks.lag
+        if tracked is not None and tracked.any():
+            rows = np.flatnonzero(tracked)
+            newest = gather(tracks, length=1)
+            lag = np.where(tracked, tracks.dt * newest.late, lag)
+            modes = modes.replaced(rows, _tracked(modes.at(rows), tracks, rows))
+            origin = np.where(tracked, newest.origin.T, origin)
+        late = np.minimum(np.floor(lag / tracks.dt + ON_GRID), MOST_STEPS).astype(np.int64)
+        rest = lag - tracks.dt * late
+        off = np.flatnonzero(rest > ON_GRID * tracks.dt)
+        if off.size:
+            modes = modes.replaced(off, moved(modes.at(off), _step(motion, rest[off])))
+        return cls(modes, origin, late, np.asarray(beliefs.count == 0))
 
 
-def measured_update(
-    state: Array, covariance: Array, measured: Array, variance: Array
-) -> tuple[Array, Array, Array]:
-    """Update with one position with independent errors on its axes, one axis after the other.
-
-    Parameters
-    ----------
-    state, covariance : (S, ...) and (S, S, ...) before it; the position comes first.
-    measured, variance : D arrays that fit (...), m and m^2.
-
-    Returns
-    -------
-    State and covariance after it, and the log density of the measurement, (...).
-    """
-    density = np.zeros(state.shape[1:])
-    for axis, (place, spread) in enumerate(zip(measured, variance, strict=True)):
-        gain, total, covariance = scalar_update(covariance, axis, spread)
-        gap = place - state[axis]
-        state = state + gain * gap
-        density = density - 0.5 * (np.log(2 * np.pi * total) + gap**2 / total)
-    return state, covariance, density
-
-
-def _tracked(
-    filtered: Filtered, tracker: Array, velocity: Array | None, samples: IntArray
-) -> tuple[Array, Array]:
-    """States and covariances, with the tracker's own where the velocity is known."""
-    state, start = filtered.state.copy(), filtered.covariance.copy()
-    both = tracker.shape[1]
-    known = samples > (1 if velocity is None else 0)
-    state[known, : both // 2] = 0.0
+def _tracked(modes: Modes, tracks: Tracks, rows: IntArray) -> Modes:
+    """Return modes with the tracker's numbers for some obstacles, about their newest position."""
+    joint, velocity = tracks.state_covariance, tracks.velocity
+    assert joint is not None
+    count, size = len(rows), tracks.dimension
+    state, covariance = modes.state.copy(), modes.covariance.copy()
+    state[0] = 0.0
     if velocity is not None:
-        state[known, both // 2 : both] = velocity[known]
-    start[known, :both, both:] = 0.0
-    start[known, both:, :both] = 0.0
-    start[known, :both, :both] = tracker[known]
-    return state, start
+        state[1] = velocity[rows].T[:, None]
+    covariance[:2, :, 2:], covariance[2:, :, :2] = 0.0, 0.0
+    blocks = joint[rows].reshape(count, 2, size, 2, size).transpose(1, 2, 3, 4, 0)
+    covariance[:2, :, :2] = blocks[..., None, :]
+    return Modes(modes.weight, state, covariance)
 
 
-def roll_out(
-    filtered: Filtered, model: AxisModel, past: Histories, tracks: Tracks, steps: int, name: str
-) -> Forecast:
-    """Forecast from filtered states; exact for the model, Cov(s_j, s_h) = F^(j-h) P_h.
+def forecast(start: Start, motion: Motion, tracks: Tracks, steps: int, name: str) -> Forecast:
+    """Forecast one Gaussian per obstacle, with the exact moments of the motion's own future.
 
-    Where the tracks carry a tracker's ``state_covariance``, their positions are estimates
-    that hold all earlier measurements, with errors that are not independent as R takes them
-    to be. The newest one is then the position, and the tracker's covariance takes the place
-    of the filter's own for position and velocity. The mean of the velocity is the tracker's
-    where the tracks carry it, else the filter's, as components beyond it always are.
+    Nothing is known of an obstacle never observed, so its mean is the world's origin (the one
+    place where a forecast cannot turn and shift with the world) and its standard deviation
+    `NEVER_SEEN_SPREAD`, the same unknown place at all steps.
     """
-    state, start = filtered.state, filtered.covariance
-    size = tracks.dimension
-    if tracks.state_covariance is not None:
-        tracker = tracks.state_covariance
-        state, start = _tracked(filtered, tracker, tracks.velocity, past.samples)
-    growth = _growth(model, size, steps + int(past.late.max(initial=0)))
-    moved = np.einsum("nds,os->ond", growth.reads, state)
-    spread = growth.covariances(start)
-    mean = past.origin[:, None] + after(moved, steps, past.late)
-    whole = growth.transition, growth.process
-    joint = partial(step_joint, *whole, start, size, steps, past.late)
-    own = Gaussians(mean, after(spread, steps, past.late), (None,) * len(tracks), joint)
-    return finish(own, past, tracks, name)
+    further = steps + int(start.late.max(initial=0))
+    middle, spread = moments_ahead(start.modes, readings_ahead(motion, tracks.dt, further))
+    mean = after((middle + start.origin).transpose(2, 0, 1), steps, start.late)[:, None]
+    spread = (0.5 * (spread + spread.swapaxes(1, 2))).transpose(3, 0, 1, 2)
+    covariance = after(spread, steps, start.late)[:, None]
+    reasons: tuple[str | None, ...] = (None,) * len(mean)
+    if start.unseen.any():
+        mean[start.unseen] = 0.0
+        covariance[start.unseen] = NEVER_SEEN_SPREAD**2 * np.eye(tracks.dimension)
+        reasons = tuple(f"{name}: never observed" if new else None for new in start.unseen)
+    return assembled(  # finite and PSD for tracks within the limits
+        Forecast,
+        mean=mean,
+        covariance=covariance,
+        weight=np.ones((len(mean), 1)),
+        dt=tracks.dt,
+        fallback=reasons,
+        joint_source=partial(_joint, start, motion, tracks.dt, steps),
+    )
 
 
-@lru_cache(maxsize=16)
-def _growth(model: AxisModel, size: int, steps: int) -> Growth:
-    """Return how all axes together grow, kept for the next call; the model by identity."""
-    whole = on_all_axes(model.transition, size), on_all_axes(model.process, size)
-    return Growth.of(*whole, size, steps)
+def _joint(start: Start, motion: Motion, dt: float, steps: int) -> Array:
+    """Joint covariance of the positions at all steps, (O, 1, N*D, N*D), m^2.
+
+    With d_h = s_h - E[s_h], 1_j(h) that mode j is in force at step h and
+    C_j(h) = E[1_j(h) (d_h; 1) d_i'] for an earlier step i,
+
+    C_j(h+1) = [[F_j, F_j E[s_h] - E[s_{h+1}]], [0, 1]] sum_i pi_ij C_i(h)
+
+    and Cov(s_h, s_i) is the sum of the upper parts of all C_j(h).
+    """
+    modes, step = start.modes, _same_step(motion, dt)
+    f, chain = step.transition[..., 0], step.switching[..., 0]
+    size, count = modes.state.shape[1], modes.state.shape[3]
+    further = steps + int(start.late.max(initial=0))
+    joint = np.zeros((count, further, size, further, size))
+    upper = np.zeros((*modes.state.shape[:3], 0, size, count))
+    lower = np.zeros((modes.state.shape[2], 0, size, count))
+    middle = (modes.weight * modes.state).sum(axis=2)
+    for h in range(further):
+        modes, before = moved(modes, step), middle
+        middle = (modes.weight * modes.state).sum(axis=2)
+        shift = np.einsum("abm,bdo->admo", f, before) - middle[:, :, None]
+        upper = np.einsum("mj,bdmkeo->bdjkeo", chain, upper)
+        lower = np.einsum("mj,mkeo->jkeo", chain, lower)
+        upper = np.einsum("abm,bdmkeo->admkeo", f, upper)
+        upper += shift[:, :, :, None, None] * lower
+        cross = upper[0].sum(axis=1)
+        joint[:, h, :, :h] = cross.transpose(3, 0, 1, 2)
+        joint[:, :h, :, h] = cross.transpose(3, 1, 2, 0)
+        gap = modes.state - middle[:, :, None]
+        here, weight = gap[0].swapaxes(0, 1), modes.weight[:, None]
+        square = modes.covariance[:, :, 0].swapaxes(2, 3) + gap[..., None, :] * here
+        own = weight * square
+        joint[:, h, :, h] = own[0].sum(axis=1).transpose(2, 0, 1)
+        upper = np.concatenate([upper, own[:, :, :, None]], axis=3)
+        lower = np.concatenate([lower, (weight * here)[:, None]], axis=1)
+    whole = joint.reshape(count, further * size, further * size)
+    whole = cut_steps(whole, steps, size, start.late)[:, None]
+    whole[start.unseen] = NEVER_SEEN_SPREAD**2 * np.tile(np.eye(size), (steps, steps))
+    return whole

@@ -12,18 +12,29 @@ from ...framework.values.arrays import Array
 from .history import IntArray
 
 
+def white_steps(times: Array, density: float) -> tuple[Array, Array]:
+    """Transition and process covariance of an axis in times (L,), s, (2, 2, L) each.
+
+    f = [[1, t], [0, 1]],   q = density [[t^3/3, t^2/2], [t^2/2, t]]
+
+    for the state (position, velocity) and white acceleration of a spectral density, m^2/s^3.
+    """
+    one, zero = np.ones(len(times)), np.zeros(len(times))
+    square = 0.5 * times**2
+    process: Array = density * np.array([[times**3 / 3.0, square], [square, times]])
+    return np.array([[one, times], [zero, one]]), process
+
+
 def white_acceleration(dt: float, density: float, size: int) -> tuple[Array, Array]:
     """Transition and process covariance of a velocity that drifts as a random walk.
 
-    F = [[I, dT I], [0, I]],  Q = q [[dT^3/3 I, dT^2/2 I], [dT^2/2 I, dT I]]
-
-    for the state (position, velocity), each of ``size`` components, and white acceleration
-    of spectral density q (m^2/s^3).
+    F = f kron I,  Q = q kron I  with f and q of `white_steps`, for the state (position, velocity),
+    each of ``size`` components.
     """
+    transition, process = white_steps(np.array([dt]), density)
     eye = np.eye(size)
-    transition = np.kron(np.array([[1.0, dt], [0.0, 1.0]]), eye)
-    process = np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    return transition.astype(np.float64), density * np.kron(process, eye).astype(np.float64)
+    wide = np.kron(transition[..., 0], eye), np.kron(process[..., 0], eye)
+    return wide[0].astype(np.float64), wide[1].astype(np.float64)
 
 
 def readings(transition: Array, size: int, steps: int) -> Array:

@@ -14,7 +14,7 @@ import pytest
 from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.framework import names
 from wideberth.framework.plugins.registry import load
-from wideberth.framework.predictor import Adaptive
+from wideberth.framework.predictor import Adaptive, Filtering
 
 FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -86,15 +86,44 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path, bench: Path) -> N
     updated = {row["predictor"] for row in tables["predictors"] if row["call"] == "update"}
     adaptive = {n for n in names("predictors") if issubclass(load("predictors", n), Adaptive)}
     assert updated == adaptive and "adaptive_conformal" in adaptive
+    decided = {row["predictor"] for row in tables["predictors"] if row["call"] == "decision"}
+    filtering = {n for n in names("predictors") if issubclass(load("predictors", n), Filtering)}
+    assert decided == filtering and {"adaptive_conformal", "kalman"} < filtering
     assert {row["target"] for row in tables["risks"]} == {None, 1e5}
     assert all(row["per_second_per_core"] > 0 for row in tables["risks"])
     assert unable in text and all(row["equal"] for row in tables.get("export", ()))
-    shares = [row["share"] for row in tables["stages"]]
-    assert sum(shares) == pytest.approx(len(tables["whole"]))
-    assert all(share > 0 for share in shares)  # a function that is no longer called would be 0
+    assert [(row["predictor"], row["seen"]) for row in tables["whole"]] == [
+        (predictor, seen) for predictor in ("recommended", "kalman") for seen in (1, 3, 10, 40)
+    ]
+    assert sum(row["share"] for row in tables["stages"]) == pytest.approx(len(tables["whole"]))
+    idle = {(row["predictor"], row["stage"]) for row in tables["stages"] if not row["share"]}
+    assert idle == {("kalman", "calibration")}  # so is a function that is no longer called
     assert "wideberth --help" in {row["command"] for row in tables["startup"]}
     assert "wideberth --help" in done.stdout and str(out.name) in done.stdout
     assert not list(tmp_path.glob("*.csv"))  # nothing beside the folder that was named
+
+
+def test_stages_of_a_decision_are_functions(bench: Path) -> None:
+    decision = import_module("decision")
+    for name in [name for names_ in decision.STAGES.values() for name in names_]:
+        owner, attribute, function = decision.stage_function(name)
+        assert callable(getattr(owner, attribute)), name
+        assert getattr(function, "__func__", function).__name__ == attribute
+    with pytest.raises(KeyError):
+        decision.stage_function("predictors.core.kalman_filter:roll_out")
+
+
+def test_one_drive_of_each_predictor_has_its_own_forecasts(bench: Path) -> None:
+    """The recommended planner is the one of the README, and `kalman` differs in its predictor."""
+    decision = import_module("decision")
+    drives = {name: decision.Drive(name, 1, 0) for name in decision.PREDICTORS}
+    kinds = {name: type(drive.planner.predictor).__name__ for name, drive in drives.items()}
+    assert kinds == {"recommended": "AdaptiveConformal", "kalman": "Kalman"}
+    shares = decision.Shares()
+    with decision.timers(shares):
+        taken, (_, plan) = drives["recommended"].decide(shares)
+    assert taken > 0.0 and plan.forecast is not None
+    assert all(shares.calls[stage] for stage in ("filter", "forecast", "calibration"))
 
 
 def test_one_question_alone(threads: Path, tmp_path: Path) -> None:

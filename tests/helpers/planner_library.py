@@ -33,11 +33,15 @@ from wideberth.solvers.export.solver.native import NATIVE, machine
 COMPILER = shutil.which("cc")
 STRICT = "-std=c99 -Wall -Wextra -Wpedantic -Werror -ffp-contract=off -fPIC".split()
 REPLAY = Path(__file__).with_name("planner_replay.c")
+FORECASTS = Path(__file__).with_name("planner_forecasts.c")
 
 
 def planner(**settings: Any) -> Planner:
-    """Return our recommended planner of a unicycle at 0.5 m/s."""
-    given = {"type": "recommended", "robot": "unicycle", "reference_speed": 0.5, **settings}
+    """Return our recommended planner of a unicycle at 0.5 m/s, but with `kalman`."""
+    given = {
+        "type": "recommended", "robot": "unicycle", "reference_speed": 0.5, "predictor": "kalman",
+        **settings,
+    }  # fmt: skip
     made: Planner = build("controllers", given)
     return made
 
@@ -270,7 +274,9 @@ class Scene:
 
     def _detection(self, rng: np.random.Generator, k: int, at: Array) -> Detection:
         spread = np.array([[2e-4, 5e-5], [5e-5, 1e-4]]) if k % 2 else 1e-4 * np.eye(2)
-        age = float(rng.choice([0.0, 0.0, 0.05, 0.13, 0.5])) if self.late else 0.0
+        # At most a period: the library leaves out what comes after a newer measurement.
+        ages = self.period * np.array([0.0, 0.0, 0.1, 0.26, 1.0])
+        age = float(rng.choice(ages)) if self.late else 0.0
         place = at + 0.01 * rng.standard_normal(2)
         one = Detection(f"person {k}", place, spread, 0.3, age)
         odd: list[dict[str, Any]] = [

@@ -62,10 +62,10 @@ def test_first_script_draws_a_picture(tmp_path: Path) -> None:
 
 
 def test_predictors_that_learn_are_written_as_the_page_says(run_page: RunPage) -> None:
-    """The blocks that define `Straying` and `Widened`; the contract check runs on both."""
+    """The blocks that define `Straying`, `Widened`, `Resting`; the contract check runs on all."""
     check = "from wideberth.framework.testing import check_predictor\n"
-    check += "check_predictor(Straying())\ncheck_predictor(Widened())\n"
-    run_page("Straying", "Widened", check)
+    check += "for one in (Straying(), Widened(), Resting()):\n    check_predictor(one)\n"
+    run_page("Straying", "Resting", check)
 
 
 def test_a_scenario_is_written_as_the_page_says(run_page: RunPage) -> None:

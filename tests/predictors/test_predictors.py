@@ -71,7 +71,7 @@ SETTINGS = Contract.of(
     [
         Static(spread_rate=1.0),
         ConstantVelocity(window=1),
-        Kalman(acceleration_density=1e-4, history=5),
+        Kalman(acceleration_density=1e-4),
         Oracle(fallback=Static()),
         VectorAutoregression(gate=False, minimum_history=4),
         VectorAutoregression(covariance="paper", integration="trapezoid"),
@@ -274,7 +274,7 @@ def test_never_observed_is_a_reason_and_a_wide_finite_spread():
         (lambda: Static(spread_rate=-1.0), "static.spread_rate is -1"),
         (lambda: ConstantVelocity(window=0), "constant_velocity.window is 0"),
         (lambda: Kalman(acceleration_density=0.0), "kalman.acceleration_density is 0"),
-        (lambda: Kalman(history=0), "kalman.history is 0"),
+        (lambda: Kalman(speed=0.0), "kalman.speed is 0"),
         (lambda: Oracle(spread=0.0), "oracle.spread is 0"),
     ],
 )

@@ -5,19 +5,21 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
+from wideberth.framework.values.measurements import Measurements
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import (
     LIMIT,
     AdaptiveConformal,
     Online,
     Pending,
-    _position,
+    _Looks,
+    _missed,
     _quantile,
     _slack,
     _starts,
+    _truth,
 )
 from wideberth.predictors.constant_velocity import ConstantVelocity
-from wideberth.predictors.core.history import gather
 from wideberth.predictors.static import Static
 
 
@@ -27,8 +29,25 @@ def tracks_of(positions: np.ndarray, stamp: float) -> Tracks:
     return Tracks(positions, 0.5, names, np.full(count, 0.3), np.zeros((count, size, size)), stamp)
 
 
+def looks_at(rows, times, mean=None, kind=None, step=None) -> _Looks:
+    """Return forecasts of one mode and unit variance that have fallen due."""
+    count = len(rows)
+    mean = np.zeros((count, 2)) if mean is None else np.asarray(mean)
+    unit = np.tile(np.eye(2), (count, 1, 1, 1))
+    zero = np.zeros(count, dtype=np.int64)
+    kind, step = (zero if part is None else np.asarray(part) for part in (kind, step))
+    rows, times = np.asarray(rows), np.asarray(times, dtype=float)
+    return _Looks(rows, times, kind, step, mean[:, None], unit, np.ones((count, 1)))
+
+
+def places_at(tracks: Tracks, time: float) -> np.ndarray:
+    """Return where each obstacle was, (O, D)."""
+    count = len(tracks)
+    return _truth(tracks, looks_at(np.arange(count), np.full(count, time)))
+
+
 def test_truth_is_looked_up_between_two_samples() -> None:
-    """And is not known before the first sample, after the newest, or where either is missing."""
+    """And is not known before the first sample, and after the newest."""
     seen = tracks_of(np.array([[[0.0, 0.0], [2.0, 4.0], [6.0, 4.0]]]), stamp=10.0)
     for time, wanted in (
         (9.0, (0, 0)),
@@ -37,19 +56,40 @@ def test_truth_is_looked_up_between_two_samples() -> None:
         (9.75, (4, 4)),
         (10, (6, 4)),
     ):
-        np.testing.assert_allclose(_position(seen, time), [wanted], err_msg=str(time))
-    assert np.isnan(_position(seen, 8.9)).all() and np.isnan(_position(seen, -np.inf)).all()
-    np.testing.assert_array_equal(_position(seen, 10.0 + 1e-9), [[6.0, 4.0]])
-    seen.positions.setflags(write=True)
-    seen.positions[0, 1] = np.nan
-    near, far = (_position(seen, 10.0 - 0.5 * share * 1e-6) for share in (0.8, 1.2))
-    np.testing.assert_array_equal(near, [[6.0, 4.0]])
-    assert np.isnan(far).all()
-    seen.positions[0, 1] = 2.0, 4.0
+        np.testing.assert_allclose(places_at(seen, time), [wanted], err_msg=str(time))
+    assert np.isnan(places_at(seen, 8.9)).all()
+    np.testing.assert_array_equal(places_at(seen, 10.0 + 1e-9), [[6.0, 4.0]])
     alone = tracks_of(seen.positions[:, -1:], stamp=10.0)
-    np.testing.assert_array_equal(_position(alone, 10.0), [[6.0, 4.0]])
-    assert np.isnan(_position(alone, 9.9)).all()
-    assert np.isnan(_position(tracks_of(seen.positions[:, :0], stamp=10.0), 10.0)).all()
+    np.testing.assert_array_equal(places_at(alone, 10.0), [[6.0, 4.0]])
+    assert np.isnan(places_at(alone, 9.9)).all()
+
+
+def test_truth_is_on_the_line_over_a_pause_of_two_steps_and_a_half() -> None:
+    """Of sightings, and of the samples of a grid; not beyond, but for the instants themselves."""
+    for pause, known in ((1.0, True), (1.25, True), (1.26, False), (3.0, False)):
+        seen = sighted([10.0 - pause, 10.0], [(0.0, 0.0), (8.0, 4.0)])
+        middle = places_at(seen, 10.0 - 0.25 * pause)
+        wanted = [[6.0, 3.0]] if known else [[np.nan, np.nan]]
+        np.testing.assert_allclose(middle, wanted, err_msg=str(pause))
+        np.testing.assert_array_equal(places_at(seen, 10.0), [[8.0, 4.0]])
+        np.testing.assert_array_equal(places_at(seen, 10.0 - pause), [[0.0, 0.0]])
+    for gap, known in ((1, True), (2, False)):
+        positions = np.full((1, 4, 2), np.nan)
+        positions[0, -1], positions[0, -2 - gap] = (6.0, 4.0), (0.0, 0.0)
+        middle = places_at(tracks_of(positions, stamp=10.0), 10.0 - 0.25 * (gap + 1))
+        assert np.isfinite(middle).all() == known
+        if known:
+            np.testing.assert_allclose(middle, [[3.0, 2.0]])
+
+
+def sighted(times, places, stamp=10.0, ident="a") -> Tracks:
+    """Return tracks of one obstacle with measurements at these times."""
+    times, places = np.asarray(times, dtype=float), np.asarray(places, dtype=float)
+    grid = np.full((1, 3, 2), np.nan)
+    grid[0, -1] = places[-1]
+    sightings = Measurements([times], [places], [np.zeros((len(times), 2, 2))], [4])
+    noise = np.zeros((1, 2, 2))
+    return Tracks(grid, 0.5, (ident,), [0.3], noise, stamp, sightings=sightings)
 
 
 def test_a_fit_takes_the_class_of_speed_from_the_newest_sample_on() -> None:
@@ -86,7 +126,8 @@ def test_a_class_starts_by_its_own_windows_where_it_has_a_hundred() -> None:
 
 def test_the_class_is_that_of_the_mean_speed_of_the_forecast() -> None:
     own = AdaptiveConformal(Static(), speeds=(0.5, 1.5))
-    past, new = (gather(tracks_of(np.array([[[0.0, 1.0]] * n] * 3), 0.0)) for n in (2, 1))
+    newest = np.tile([0.0, 1.0], (3, 1))
+    past, new = np.zeros(3, dtype=bool), np.ones(3, dtype=bool)
     for steps, times in ((1, [1.0]), (4, [1.0, 2.0, 9.0, 9.0])):
         mean = np.zeros((3, 2, steps, 2))
         for o, (one, two) in enumerate(((0.25, 0.5), (0.375, 0.875), (1.0, 3.0))):
@@ -95,8 +136,8 @@ def test_the_class_is_that_of_the_mean_speed_of_the_forecast() -> None:
         weight = np.tile([0.75, 0.25], (3, 1))
         # Mean displacements 0.3125, 0.5 and 1.5 m in 0.5 s, and in 1 s.
         for dt, wanted in ((0.5, [1, 1, 2]), (1.0, [0, 1, 2]), (1.001, [0, 0, 1])):
-            assert own._kinds(mean, weight, past, dt).tolist() == wanted
-            once = own._kinds(mean, weight, new, dt).tolist()
+            assert own._kinds(mean, weight, newest, past, dt).tolist() == wanted
+            once = own._kinds(mean, weight, newest, new, dt).tolist()
             assert once == [3, 3, 3], "of a single sample no speed is known"
 
 
@@ -148,17 +189,44 @@ def test_scales_are_those_learnt_last_else_those_of_the_fit() -> None:
     np.testing.assert_allclose(np.reshape(fit.first(0.3), (3, 3)), sooner + np.arange(3)[:, None])
 
 
+def pending_of(stamp, ids, steps, judged) -> Pending:
+    """Return a forecast of unit circles around (10 k, 0)."""
+    count = len(ids)
+    mean = np.zeros((count, 1, steps, 2))
+    mean[:, 0, :, 0] = 10.0 * np.arange(count)[:, None]
+    unit = np.tile(np.eye(2), (count, 1, steps, 1, 1))
+    return Pending(stamp, ids, np.arange(count), judged, mean, unit, np.ones((count, 1)))
+
+
 def test_who_is_known_when_a_step_falls_due_is_inside_or_outside() -> None:
-    """Of a unit circle around its forecast, at the second step; who is partly seen is not."""
-    mean = np.zeros((4, 1, 3, 2))
-    mean[:, 0, 1, 0] = 10.0 * np.arange(4.0)
-    pending = Pending(
-        5.0, ("o0", "o1", "gone", "o2"), (0, 1, 1, 2), mean,
-        np.tile(np.eye(2), (4, 1, 3, 1, 1)), np.ones((4, 1)),
-    )  # fmt: skip
-    places = np.zeros((3, 3, 2))
-    places[:, 1] = [[2.0, 0.0], [10.0 + 3.0, 0.0], [30.0, np.nan]]
-    seen = tracks_of(places, stamp=6.5)
-    own = AdaptiveConformal(Static(), tail=0.05)
-    found = own._missed(pending, 1, seen, {"o0": 0, "o1": 1, "o2": 2})
-    assert found[0].tolist() == [0, 1] and found[1].tolist() == [0.0, 1.0]
+    """Of a circle around its forecast; who is not known is neither."""
+    places = [(2.0, 0.0), (13.0, 0.0), (20.0, 0.1), (np.nan, 0.0)]
+    looks = looks_at([0, 1, 2, 3], np.zeros(4), [(0.0, 0.0), (10.0, 0.0), (20.0, 0.0), (9.0, 9.0)],
+                     [0, 1, 1, 2], [1, 1, 1, 1])  # fmt: skip
+    assert _missed(looks, np.array(places), 0.05)[:3].tolist() == [0.0, 1.0, 0.0]
+    own = AdaptiveConformal(Static(), tail=0.05, rate=0.2, steps=2, speeds=(0.5,))
+    log_scale = np.reshape(own._weighed((0.0,) * 6, looks, np.array(places)), (3, 2))
+    # Of the second class a miss and a hit; the one of the last class is not known.
+    wanted = [[0.0, -0.2 * 0.05], [0.0, 0.2 * (1.0 - 0.1) / np.sqrt(2.0)], [0.0, 0.0]]
+    np.testing.assert_allclose(log_scale, wanted, atol=1e-15)
+
+
+def test_each_person_is_judged_once_its_own_measurement_reaches_the_step() -> None:
+    """And only once: what is judged is written down for each."""
+    ids = ("late", "gone", "now")
+    state = Online(5.0, 0.5, (0.0,) * 9, (pending_of(5.0, ids, 3, [1, 0, 0]),))
+    own = AdaptiveConformal(Static(), steps=3, speeds=(0.5,), state=state)
+    times = [[4.9, 5.4, 5.9, 6.4], [5.0, 6.0, 6.5]]
+    sightings = Measurements(times, [np.zeros((4, 2)), np.zeros((3, 2))],
+                          [np.zeros((4, 2, 2)), np.zeros((3, 2, 2))])  # fmt: skip
+    tracks = Tracks(np.zeros((2, 3, 2)), 0.5, ("late", "now"), np.full(2, 0.3),
+                    np.zeros((2, 2, 2)), 6.5, sightings=sightings)  # fmt: skip
+    (after,), looks = own._due(state, tracks)
+    # The first one is known up to 6.4 s: of its steps at 5.5, 6 and 6.5 s the second is due.
+    assert after.judged.tolist() == [2, 0, 3]
+    found = sorted(zip(looks.row.tolist(), looks.step.tolist(), looks.time.tolist(), strict=True))
+    assert found == [(0, 1, 6.0), (1, 0, 5.5), (1, 1, 6.0), (1, 2, 6.5)]
+    assert looks.kind.tolist() == [0 if row == 0 else 2 for row in looks.row]
+    (again,), looks = own._due(replace(state, pending=(after,)), tracks)
+    assert looks is None or not len(looks.row)
+    assert again.judged.tolist() == [2, 0, 3]

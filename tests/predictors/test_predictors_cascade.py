@@ -238,7 +238,7 @@ def test_laws_and_config() -> None:
     }
     made = build("predictors", config)
     assert made == FallbackChain(
-        (FallbackStage(VectorAutoregression(), 30), FallbackStage(Kalman(history=10), 1, 3.0))
+        (FallbackStage(VectorAutoregression(), 30), FallbackStage(Kalman(), 1, 3.0))
     )
     assert build("predictors", describe(made)) == made
 

@@ -1,5 +1,6 @@
 """Interacting models against filterpy and brute force; an obstacle that stops."""
 
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -8,16 +9,20 @@ import pytest
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.core.history import gather
-from wideberth.predictors.core.kalman_filter import AxisModel, filter_axes, on_all_axes
-from wideberth.predictors.core.propagation import step_covariances, white_acceleration
-from wideberth.predictors.interacting_models import (
-    MODES,
-    InteractingModels,
-    ModeBank,
-    filter_modes,
-    merged_joint,
+from wideberth.predictors.core.kalman_filter import (
+    Modes,
+    Motion,
+    Step,
+    filtered,
+    mixed,
+    moments_ahead,
+    moved,
+    readings,
 )
+from wideberth.predictors.core.propagation import step_covariances
+from wideberth.predictors.interacting_models import MODES, InteractingModels
+from wideberth.predictors.kalman import WhiteAcceleration
+from wideberth.tests.helpers.irregular import irregular_tracks
 
 DT = 0.4
 NAN = np.nan
@@ -41,84 +46,158 @@ def correlated(count, size, seed=3):
     return root @ root.swapaxes(1, 2)
 
 
-def filterpy_bank(bank, noise, first, speed):
+def models(motion, time, size):
+    """Return F (M, 2D, 2D), Q and pi of a step, of all axes."""
+    step = motion.step(np.array([time]))
+    f, q = (np.moveaxis(part[..., 0], 2, 0) for part in step[:2])
+    whole = ([np.kron(one, np.eye(size)) for one in part] for part in (f, q))
+    return *(np.array(part) for part in whole), step.switching[..., 0]
+
+
+def whole_state(beliefs):
+    """Return weights (O, M), states (O, M, 2D), in the world, and covariances."""
+    weight, state, covariance, origin = beliefs.values
+    size, modes, count = state.shape[1:]
+    place = state.transpose(3, 2, 0, 1).reshape(count, modes, 2 * size)
+    place[..., :size] += origin.T[:, None]
+    spread = covariance.transpose(5, 4, 0, 1, 2, 3).reshape(count, modes, 2 * size, 2 * size)
+    return weight.T, place, spread
+
+
+def filterpy_bank(motion, place, noise):
     """The same filters and their mixing in filterpy, started alike."""
     from filterpy.kalman import IMMEstimator, KalmanFilter
 
     size = len(noise)
     filters = []
-    for transition, process in bank.models:
+    for _ in motion.usual:
         one = KalmanFilter(dim_x=2 * size, dim_z=size)
-        one.F, one.Q, one.H, one.R = transition, process, np.eye(size, 2 * size), noise
-        one.x = np.concatenate([first, np.zeros(size)])
-        one.P = np.diag(np.r_[np.zeros(size), np.full(size, speed**2)])
+        one.H = np.eye(size, 2 * size)
+        one.x = np.concatenate([place, np.zeros(size)])
+        one.P = np.diag(np.r_[np.zeros(size), np.full(size, motion.start[0])])
         one.P[:size, :size] = noise
         filters.append(one)
-    return IMMEstimator(filters, bank.usual, bank.switching)
+    return IMMEstimator(filters, motion.usual, np.eye(len(filters)))
+
+
+def filterpy_steps(bank, motion, lag, dt):
+    """Let filterpy predict over a lag in steps of nearly dt; only the last one is measured."""
+    steps = max(1, round(lag / dt))
+    for left in reversed(range(steps)):
+        size = bank.filters[0].dim_z
+        transitions, processes, bank.M = models(motion, lag / steps, size)
+        for one, transition, process in zip(bank.filters, transitions, processes, strict=True):
+            one.F, one.Q = transition, process
+        bank._compute_mixing_probabilities()
+        bank.predict()
+        if left:
+            bank.mu = bank.cbar
 
 
 @pytest.mark.parametrize("size", [2, 3])
-def test_batched_bank_equals_filterpy(size):
-    tracks, noise = wandering(6, 12, size), correlated(6, size)
-    bank = InteractingModels().bank(DT, size)
-    past = gather(tracks)
-    beliefs = filter_modes(past, noise, bank, 1.2)
+@pytest.mark.parametrize("irregular", [False, True])
+def test_batched_bank_equals_filterpy(size, irregular):
+    """On the grid, and at any times, each measurement with its own covariance."""
+    tracks = replace(wandering(6, 12, size), noise=correlated(6, size))
+    if irregular:
+        tracks = irregular_tracks(6, size)
+    predictor = InteractingModels(speed=1.2)
+    weights, states, spreads = whole_state(predictor.filtered(tracks))
+    measured, floor = tracks.measured, 0.01**2 * np.eye(size)
     for o in range(6):
-        reference = filterpy_bank(bank, noise[o], past.positions[o, 0], 1.2)
-        for position in past.positions[o, 1:]:
-            reference.predict()
-            reference.update(position)
-        np.testing.assert_allclose(beliefs.weight[:, o], reference.mu, rtol=0, atol=1e-12)
+        times, places = measured.times[o], measured.positions[o]
+        noise = measured.noise[o] + floor
+        reference = filterpy_bank(predictor._motion, places[0], noise[0])
+        for k in range(1, len(times)):
+            filterpy_steps(reference, predictor._motion, times[k] - times[k - 1], tracks.dt)
+            for one in reference.filters:
+                one.R = noise[k]
+            reference.update(places[k])
+        np.testing.assert_allclose(weights[o], reference.mu, rtol=0, atol=1e-11)
         for mode, one in enumerate(reference.filters):
-            state, spread = beliefs.state[:, mode, o], beliefs.covariance[:, :, mode, o]
-            np.testing.assert_allclose(state, one.x, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(spread, one.P, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(states[o, mode], one.x, rtol=0, atol=1e-11)
+            np.testing.assert_allclose(spreads[o, mode], one.P, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_mixing_keeps_the_moments_of_each_model_and_of_all(size):
+    """Mean and second moment of the mixture do not change; brute force over all pairs."""
+    beliefs = InteractingModels().filtered(irregular_tracks(5, size))
+    modes = Modes(*beliefs.values[:3])
+    chain = np.random.default_rng(2).dirichlet(np.ones(3), (5, 3)).transpose(1, 2, 0)
+    after = mixed(modes, chain)
+    for o in range(5):
+        for j in range(3):
+            share = chain[:, j, o] * modes.weight[:, o]
+            total = share.sum()
+            mean = sum(share[i] * modes.state[:, :, i, o] for i in range(3)) / total
+            assert after.weight[j, o] == pytest.approx(total, rel=1e-12)
+            np.testing.assert_allclose(after.state[:, :, j, o], mean, atol=1e-13)
+            spread = np.zeros((2, size, 2, size))
+            for i in range(3):
+                gap = modes.state[:, :, i, o] - mean
+                own = modes.covariance[..., i, o] + np.multiply.outer(gap, gap)
+                spread += share[i] * own / total
+            np.testing.assert_allclose(after.covariance[..., j, o], spread, atol=1e-13)
+
+
+@dataclass(frozen=True)
+class Alike(Motion):
+    """Three models that are the same, with a chain between them."""
+
+    one: WhiteAcceleration
+
+    @property
+    def start(self):
+        return self.one.start
+
+    @property
+    def usual(self):
+        return (0.5, 0.3, 0.2)
+
+    def step(self, times):
+        part = self.one.step(times)
+        chain = np.array([[0.8, 0.1, 0.1], [0.2, 0.5, 0.3], [0.1, 0.0, 0.9]])
+        repeated = (np.repeat(matrix, 3, axis=2) for matrix in part[:2])
+        return Step(*repeated, np.repeat(chain[..., None], len(times), axis=2))
 
 
 def test_identical_models_are_one_kalman_filter_with_missing_samples():
     tracks = wandering(5, 14, 2)
     positions = np.array(tracks.positions)
     positions[0, 3:5], positions[1, 8], positions[2, -2:], positions[3, :6] = NAN, NAN, NAN, NAN
-    past = gather(tracks_of(positions))
-    noise, model = correlated(5, 2), AxisModel(*white_acceleration(DT, 0.1, 1), np.array([1.44]))
-    single = filter_axes(past, noise, model)
-    three = [
-        np.repeat(on_all_axes(part, 2)[None], 3, axis=0)
-        for part in (model.transition, model.process)
-    ]
-    bank = ModeBank(*three, InteractingModels().bank(DT, 2).switching)
-    beliefs = filter_modes(past, noise, bank, 1.2)
-    for mode in range(3):
-        np.testing.assert_allclose(beliefs.state[:, mode].T, single.state, atol=1e-12)
-        spread = beliefs.covariance[:, :, mode].transpose(2, 0, 1)
-        np.testing.assert_allclose(spread, single.covariance, atol=1e-12)
+    one = WhiteAcceleration(0.1, 1.2)
+    for seen in (replace(tracks_of(positions), noise=correlated(5, 2)), irregular_tracks(5, 2)):
+        single = filtered(seen, None, one, 0.01).values
+        several = filtered(seen, None, Alike(one), 0.01).values
+        for mode in range(3):
+            np.testing.assert_allclose(several[1][:, :, mode], single[1][:, :, 0], atol=1e-12)
+            spread = several[2][..., mode, :]
+            np.testing.assert_allclose(spread, single[2][..., 0, :], atol=1e-12)
 
 
-def test_without_a_measurement_only_the_chain_moves_the_probabilities():
-    tracks = wandering(1, 10, 2)
-    positions = np.concatenate([tracks.positions, np.full((1, 3, 2), NAN)], axis=1)
-    positions = np.concatenate([positions, tracks.positions[:, -1:]], axis=1)
-    bank = InteractingModels().bank(DT, 2)
-    noise = tracks.noise
-    short = filter_modes(gather(tracks), noise, bank, 1.0).weight[:, 0]
-    past = gather(tracks_of(positions))
-    unseen = np.array(past.observed)
-    unseen[:, -1] = False
-    blind = past.__class__(past.origin, past.positions, unseen, past.began, past.late)
-    long = filter_modes(blind, noise, bank, 1.0).weight[:, 0]
-    np.testing.assert_allclose(long, short @ np.linalg.matrix_power(bank.switching, 4), atol=1e-12)
+def test_without_a_measurement_only_the_chain_moves_on():
+    """Who was not seen for 4 steps at the end is forecast as 4 steps ago, 4 steps further."""
+    tracks = wandering(3, 10, 2)
+    predictor = InteractingModels(stopping=0.3, dwell=2.0)
+    gone = tracks_of(np.concatenate([tracks.positions, np.full((3, 4, 2), NAN)], axis=1))
+    before, late = predictor.predict(tracks, 9), predictor.predict(gone, 5)
+    np.testing.assert_allclose(late.mean, before.mean[:, :, 4:], atol=1e-12)
+    np.testing.assert_allclose(late.covariance, before.covariance[:, :, 4:], atol=1e-12)
+    assert late.joint is not None and before.joint is not None
+    np.testing.assert_allclose(late.joint, before.joint[:, :, 8:, 8:], atol=1e-12)
 
 
 @pytest.mark.parametrize(("dt", "stopping"), [(0.4, 0.1), (0.05, 0.3), (30.0, 1e-300)])
 def test_the_models_start_as_likely_as_in_the_long_run(dt, stopping):
     """Flows balance: each moving model leaves for the stopping one at a share, which leaves."""
-    bank = InteractingModels(stopping=stopping).bank(dt, 2)
-    np.testing.assert_allclose(bank.usual @ bank.switching, bank.usual, atol=1e-12)
+    predictor = InteractingModels(stopping=stopping)
+    usual, chain = np.array(predictor._motion.usual), models(predictor._motion, dt, 2)[2]
+    np.testing.assert_allclose(usual @ chain, usual, atol=1e-12)
     share = stopping / (1.0 + stopping)
-    np.testing.assert_allclose(bank.usual, [0.5 - share / 2, 0.5 - share / 2, share], atol=1e-12)
-    past = gather(tracks_of(np.ones((1, 1, 2))))
-    weight = filter_modes(past, tracks_of(np.ones((1, 1, 2))).noise, bank, 1.0).weight[:, 0]
-    np.testing.assert_array_equal(weight, bank.usual)
+    np.testing.assert_allclose(usual, [0.5 - share / 2, 0.5 - share / 2, share], atol=1e-12)
+    weight = predictor.filtered(tracks_of(np.ones((1, 1, 2)))).values[0][:, 0]
+    np.testing.assert_array_equal(weight, usual)
     assert (weight > 0.0).all()
 
 
@@ -131,26 +210,31 @@ def test_who_was_seen_twice_is_expected_to_walk_on():
     assert np.sqrt(np.trace(forecast.covariance[0, 0, -1]) / 2) < 1.8
 
 
-def enumerated(beliefs, bank, size, steps):
-    """Mean and joint covariance over all sequences of models, one after the other."""
-    total, states = 0.0, len(beliefs.state)
-    mean, second = np.zeros(steps * size), np.zeros((steps * size, steps * size))
-    count = len(bank.switching)
-    for modes in product(range(count), repeat=steps + 1):
-        chance = beliefs.weight[modes[0], 0]
+def enumerated(start, motion, dt, steps):
+    """Mean and joint covariance over all sequences of models, one after the other.
+
+    ``start`` has weights (M,), states (M, 2D) and covariances of one obstacle.
+    """
+    weights, states, spreads = start
+    size = states.shape[1] // 2
+    transitions, processes, chain = models(motion, dt, size)
+    total, mean = 0.0, np.zeros(steps * size)
+    second = np.zeros((steps * size, steps * size))
+    for modes in product(range(len(chain)), repeat=steps + 1):
+        chance = weights[modes[0]]
         for before, after in pairwise(modes):
-            chance *= bank.switching[before, after]
+            chance *= chain[before, after]
         # All steps as one linear map of the start and the noises.
-        columns = [np.eye(states)]
-        noises = [beliefs.covariance[:, :, modes[0], 0]]
+        columns = [np.eye(2 * size)]
+        noises = [spreads[modes[0]]]
         rows = []
         for mode in modes[1:]:
-            columns = [bank.transition[mode] @ column for column in columns] + [np.eye(states)]
-            noises.append(bank.process[mode])
+            columns = [transitions[mode] @ column for column in columns] + [np.eye(2 * size)]
+            noises.append(processes[mode])
             rows.append([*columns])
         own_mean, own = [], np.zeros((steps * size, steps * size))
         for h, row in enumerate(rows):
-            own_mean.append((row[0] @ beliefs.state[:, modes[0], 0])[:size])
+            own_mean.append((row[0] @ states[modes[0]])[:size])
             for i, other in enumerate(rows):
                 block = sum(a @ q @ b.T for a, b, q in zip(row, other, noises, strict=False))
                 own[h * size : (h + 1) * size, i * size : (i + 1) * size] = block[:size, :size]
@@ -162,44 +246,137 @@ def enumerated(beliefs, bank, size, steps):
     return mean, second - np.outer(mean, mean)
 
 
-def test_the_merged_forecast_is_exact_for_the_switching_system():
+@pytest.mark.parametrize("size", [2, 3])
+def test_the_merged_forecast_is_exact_for_the_switching_system(size):
     predictor = InteractingModels(dwell=1.0, stopping=0.3)
-    tracks = wandering(1, 6, 2, seed=4)
-    past = gather(tracks)
-    beliefs = predictor.filter(past, tracks)
+    tracks = wandering(1, 6, size, seed=4)
+    weight, state, spread = whole_state(predictor.filtered(tracks))
     forecast = predictor.predict(tracks, 4)
-    mean, joint = enumerated(beliefs, predictor.bank(DT, 2), 2, 4)
-    np.testing.assert_allclose((forecast.mean[0, 0] - past.origin[0]).ravel(), mean, atol=1e-12)
+    origin = tracks.positions[0, 0]
+    state[..., :size] -= origin
+    mean, joint = enumerated((weight[0], state[0], spread[0]), predictor._motion, DT, 4)
+    np.testing.assert_allclose((forecast.mean[0, 0] - origin).ravel(), mean, atol=1e-12)
     np.testing.assert_allclose(forecast.joint[0, 0], joint, atol=1e-12)
-    diagonal = forecast.joint[0, 0].reshape(4, 2, 4, 2)[np.arange(4), :, np.arange(4)]
+    diagonal = forecast.joint[0, 0].reshape(4, size, 4, size)[np.arange(4), :, np.arange(4)]
     np.testing.assert_allclose(diagonal, forecast.covariance[0, 0], atol=1e-12)
 
 
-def test_late_steps_are_dropped_from_the_joint_covariance():
+def test_readings_are_the_moments_over_all_sequences_of_models():
+    """E[a], its covariance and the variance of the noise, from each model that is in force."""
+    motion, steps = InteractingModels(dwell=1.0, stopping=0.3)._motion, 5
+    step = motion.step(np.array([DT]))
+    f, q, chain = step.transition[..., 0], step.process[..., 0], step.switching[..., 0]
+    reads = readings(motion, DT, steps)
+    for first in range(3):
+        for h in range(1, steps + 1):
+            chances, rows, noises = [], [], []
+            for modes in product(range(3), repeat=h):
+                pairs = pairwise((first, *modes))
+                chances.append(np.prod([chain[i, j] for i, j in pairs]))
+                row, noise = np.array([1.0, 0.0]), 0.0
+                for mode in reversed(modes):
+                    noise += row @ q[..., mode] @ row
+                    row = row @ f[..., mode]
+                rows.append(row)
+                noises.append(noise)
+            mean = np.average(rows, axis=0, weights=chances)
+            gap = np.array(rows) - mean
+            spread = np.einsum("k,ka,kb->ab", chances, gap, gap)
+            np.testing.assert_allclose(reads.mean[h - 1, first], mean, atol=1e-13)
+            np.testing.assert_allclose(reads.spread[h - 1, first], spread, atol=1e-14)
+            wanted = np.dot(chances, noises)
+            np.testing.assert_allclose(reads.noise[h - 1, first], wanted, rtol=1e-12)
+
+
+def test_the_closed_form_over_the_horizon_is_that_of_the_steps():
+    """`moments_ahead` against `moved`, step by step."""
+    predictor = InteractingModels(dwell=1.5, stopping=0.4)
+    modes = Modes(*predictor.filtered(irregular_tracks(6, 3, latest=1.0)).values[:3])
+    middle, spread = moments_ahead(modes, readings(predictor._motion, DT, 8))
+    step = predictor._motion.step(np.array([DT]))
+    for h in range(8):
+        modes = moved(modes, step)
+        mean = (modes.weight * modes.state[0]).sum(axis=1)
+        gap = modes.state[0] - mean[:, None]
+        own = modes.covariance[0, :, 0]
+        wanted = (modes.weight * (own + gap[:, None] * gap[None])).sum(axis=2)
+        np.testing.assert_allclose(middle[h], mean, rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(spread[h], wanted, rtol=1e-11, atol=1e-13)
+
+
+def test_the_forecast_is_that_of_drawn_futures():
+    """Monte Carlo of the chain and of each step's noise, within four standard errors."""
+    predictor = InteractingModels(dwell=1.0, stopping=0.4, manoeuvring=0.5)
+    tracks = irregular_tracks(1, 2, seed=5)
+    weight, state, spread = (part[0] for part in whole_state(predictor.filtered(tracks)))
+    transitions, processes, chain = models(predictor._motion, tracks.dt, 2)
+    rng, count, steps = np.random.default_rng(1), 200_000, 6
+    mode = rng.choice(3, count, p=weight)
+    drawn = np.empty((count, 4))
+    for m in range(3):
+        here = mode == m
+        drawn[here] = rng.multivariate_normal(state[m], spread[m], int(here.sum()))
+    forecast = predictor.predict(tracks, steps)
+    for h in range(steps):
+        below = np.cumsum(chain[mode], axis=1)
+        mode = np.minimum((rng.random(count)[:, None] > below).sum(axis=1), 2)
+        for m in range(3):
+            here = mode == m
+            noise = rng.multivariate_normal(np.zeros(4), processes[m], int(here.sum()))
+            drawn[here] = drawn[here] @ transitions[m].T + noise
+        place = drawn[:, :2]
+        error = place.std(axis=0) / np.sqrt(count)
+        assert (np.abs(place.mean(axis=0) - forecast.mean[0, 0, h]) < 4 * error).all()
+        square = (place - place.mean(axis=0))[:, :, None] * (place - place.mean(axis=0))[:, None]
+        error = square.std(axis=0) / np.sqrt(count)
+        gap = np.abs(square.mean(axis=0) - forecast.covariance[0, 0, h])
+        assert (gap < 4 * error).all()
+
+
+def test_who_was_seen_earlier_is_forecast_from_there():
+    """A lag of two steps drops them, from the joint covariance too; half a step is a step."""
     tracks = wandering(2, 8, 2)
     predictor = InteractingModels()
-    bank, late = predictor.bank(DT, 2), np.array([0, 2])
-    beliefs = predictor.filter(gather(tracks), tracks)
-    whole = merged_joint(beliefs, bank, 2, 5, np.zeros(2, dtype=np.int64))
-    cut = merged_joint(beliefs, bank, 2, 3, late)
-    np.testing.assert_allclose(cut[0], whole[0, :6, :6], atol=1e-14)
-    np.testing.assert_allclose(cut[1], whole[1, 4:, 4:], atol=1e-14)
+    positions = np.concatenate([tracks.positions, np.full((2, 2, 2), NAN)], axis=1)
+    positions[0] = np.concatenate([np.full((2, 2), NAN), tracks.positions[0]])
+    whole, cut = predictor.predict(tracks, 5), predictor.predict(tracks_of(positions), 3)
+    for row, steps in ((0, slice(0, 3)), (1, slice(2, 5))):
+        np.testing.assert_allclose(cut.mean[row], whole.mean[row, :, steps], atol=1e-13)
+        np.testing.assert_allclose(cut.covariance[row], whole.covariance[row, :, steps])
+        both = slice(2 * steps.start, 2 * steps.stop)
+        np.testing.assert_allclose(cut.joint[row], whole.joint[row, :, both, both], atol=1e-14)
+    grid = replace(tracks, sightings=None)
+    lag = replace(grid, stamp=0.2, sightings=grid.measured)
+    weight, state, spread = (part[0] for part in whole_state(predictor.filtered(lag)))
+    transitions, processes, chain = models(predictor._motion, 0.2, 2)
+    share = weight[:, None] * chain
+    weight = share.sum(axis=0)
+    before = np.einsum("ij,is->js", share, state) / weight[:, None]
+    gap = state[:, None] - before
+    square = spread[:, None] + gap[..., :, None] * gap[..., None, :]
+    spread = np.einsum("ij,ijst->jst", share, square) / weight[:, None, None]
+    state = np.einsum("jst,jt->js", transitions, before)
+    spread = transitions @ spread @ transitions.swapaxes(1, 2) + processes
+    mean, joint = enumerated((weight, state, spread), predictor._motion, DT, 3)
+    forecast = predictor.predict(lag, 3)
+    np.testing.assert_allclose(forecast.mean[0, 0].ravel(), mean, atol=1e-11)
+    np.testing.assert_allclose(forecast.joint[0, 0], joint, atol=1e-10)
 
 
 def test_kept_modes_keep_their_models():
     tracks = wandering(4, 9, 2)
     predictor = InteractingModels(modes="kept")
     forecast = predictor.predict(tracks, 5)
-    beliefs = predictor.filter(gather(tracks), tracks)
-    np.testing.assert_allclose(forecast.weight, beliefs.weight.T)
-    for mode, (transition, process) in enumerate(predictor.bank(DT, 2).models):
-        start = beliefs.covariance[:, :, mode].transpose(2, 0, 1)
-        wanted = step_covariances(transition, process, start, 2, 5)
-        np.testing.assert_allclose(forecast.covariance[:, mode], wanted, atol=1e-14)
+    weight, _, spread = whole_state(predictor.filtered(tracks))
+    np.testing.assert_allclose(forecast.weight, weight)
+    transitions, processes, _ = models(predictor._motion, DT, 2)
+    for mode in range(3):
+        wanted = step_covariances(transitions[mode], processes[mode], spread[:, mode], 2, 5)
+        np.testing.assert_allclose(forecast.covariance[:, mode], wanted, atol=1e-13)
         blocks = forecast.joint[:, mode].reshape(4, 5, 2, 5, 2)[:, np.arange(5), :, np.arange(5)]
         np.testing.assert_allclose(blocks.swapaxes(0, 1), wanted, atol=1e-12)
     unseen = predictor.predict(tracks_of(np.full((1, 4, 2), NAN)), 3)
-    assert unseen.fallback == ("imm: never observed; kalman: never observed",)
+    assert unseen.fallback == ("imm: never observed",)
 
 
 def stopped(moving, standing, noise, seed=0):
@@ -215,8 +392,7 @@ def test_an_obstacle_that_stops_is_soon_believed_to_stand(seed):
     predictor, stopping = InteractingModels(), MODES.index("stopping")
     tracks = {count: stopped(12, count, 0.01, seed) for count in (0, 4, 6)}
     weight = {
-        count: predictor.filter(gather(seen), seen).weight[stopping, 0]
-        for count, seen in tracks.items()
+        count: predictor.filtered(seen).values[0][stopping, 0] for count, seen in tracks.items()
     }
     assert weight[0] < 0.02 and weight[4] > 0.1 and weight[6] > 0.8
     # While it walked, the forecast went 1.2 m/s * 4.8 s far.
@@ -267,10 +443,10 @@ def test_who_is_seen_for_the_first_time_has_the_trackers_velocity() -> None:
     tracks, steps = seen_once(True), 6
     own = InteractingModels(modes="kept")
     found, without = (own.predict(one, steps) for one in (tracks, seen_once(False)))
-    bank = own.bank(tracks.dt, 2)
+    bank = models(own._motion, tracks.dt, 2)
     assert tracks.velocity is not None and tracks.state_covariance is not None
-    np.testing.assert_allclose(found.weight[0], bank.usual)
-    for mode, (transition, process) in enumerate(bank.models):
+    np.testing.assert_allclose(found.weight[0], own._motion.usual)
+    for mode, (transition, process) in enumerate(zip(*bank[:2], strict=True)):
         state = np.array([1.0, 2.0, *tracks.velocity[0]])
         spread = tracks.state_covariance[0]
         for h in range(steps):

@@ -9,19 +9,21 @@ from scipy.stats import multivariate_normal
 
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.measurements import Measurements
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.scoring import negative_log_likelihood
 from wideberth.predictors.constant_acceleration import ConstantAcceleration
-from wideberth.predictors.core.history import gather, measurement_noise
 from wideberth.predictors.core.kalman_filter import (
-    AxisModel,
-    filter_axes,
-    measured_update,
-    scalar_update,
+    Modes,
+    filtered,
+    floored,
+    updated,
+    whitened,
 )
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.interacting_models import InteractingModels
-from wideberth.predictors.kalman import Kalman, filter_one_by_one
+from wideberth.predictors.kalman import Kalman, WhiteAcceleration
+from wideberth.tests.helpers.irregular import irregular_tracks
 
 DT = 0.5
 NAN = np.nan
@@ -38,30 +40,101 @@ def wandering(count, rows, size, *, missing=0.0, seed=0, far=0.0):
     return Tracks(positions, DT, ids, np.full(count, 0.3), noise)
 
 
-def model_of(density=0.05, speed=1.3):
-    return AxisModel(*white_acceleration(DT, density, 1), np.array([speed**2]))
+MOTION = WhiteAcceleration(density=0.05, speed=1.3)
+
+
+def textbook(tracks, density, speed, floor):
+    """States (position, velocity) and covariances by filterpy, with F and Q of each lag."""
+    from filterpy.kalman import KalmanFilter
+
+    size, states, covariances = tracks.dimension, [], []
+    measured = tracks.measured
+    for times, places, noise in zip(
+        measured.times, measured.positions, measured.noise, strict=True
+    ):
+        engine, before = None, -np.inf
+        for time, place, spread in zip(times, places, noise, strict=True):
+            known = spread + floor**2 * np.eye(size)
+            if time - before > 6.0 * tracks.dt * (1.0 + 1e-6):
+                engine = KalmanFilter(dim_x=2 * size, dim_z=size)
+                engine.H = np.eye(size, 2 * size)
+                engine.x = np.concatenate([place, np.zeros(size)])
+                engine.P = np.diag(np.full(2 * size, speed**2))
+                engine.P[:size, :size] = known
+            else:
+                engine.F, engine.Q = white_acceleration(time - before, density, size)
+                engine.predict()
+                engine.update(place, R=known)
+            before = time
+        states.append(engine.x)
+        covariances.append(engine.P)
+    return np.array(states), np.array(covariances)
+
+
+def compare(beliefs, states, covariances, tolerance=1e-12):
+    """Compare beliefs of one mode with states (O, 2D) and covariances (O, 2D, 2D)."""
+    _, state, covariance, origin = beliefs.values
+    size, count = origin.shape
+    place = state[:, :, 0].transpose(2, 0, 1).reshape(count, 2 * size)
+    place[:, :size] += origin.T
+    spread = covariance[..., 0, :].transpose(4, 0, 1, 2, 3).reshape(count, 2 * size, 2 * size)
+    np.testing.assert_allclose(place, states, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(spread, covariances, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize("size", [2, 3])
 @pytest.mark.parametrize("missing", [0.0, 0.3])
 def test_batched_filter_equals_filterpy(size, missing):
     tracks = wandering(25, 18, size, missing=missing)
-    past = gather(tracks, length=15)
-    noise = measurement_noise(tracks, 0.02)
-    ours = filter_axes(past, noise, model_of())
-    theirs = filter_one_by_one(past, noise, model_of())
-    np.testing.assert_allclose(ours.state, theirs.state, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=0, atol=1e-12)
+    compare(filtered(tracks, None, MOTION, 0.02), *textbook(tracks, 0.05, 1.3, 0.02))
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("pauses", [False, True])
+def test_measurements_at_any_times_are_filtered_as_by_filterpy(size, pauses):
+    """With the covariance of each measurement, and begun anew after a pause of 7 steps."""
+    tracks = irregular_tracks(20, size, pauses=pauses)
+    beliefs = filtered(tracks, None, MOTION, 0.02)
+    compare(beliefs, *textbook(tracks, 0.05, 1.3, 0.02))
+    counts = np.array([14 - k % 4 for k in range(20)])
+    if pauses:
+        counts[::3] -= counts[::3] // 2
+    assert beliefs.count.tolist() == counts.tolist()
+    assert beliefs.newest.tolist() == [100.0] * 20
+
+
+def test_a_pause_is_one_of_more_than_six_steps():
+    """Six steps between two measurements are bridged, and a little more ends the track."""
+    tracks = wandering(1, 3, 2)
+    for gap, count in ((6.0, 2), (6.0 + 1e-7, 2), (6.0 + 1e-4, 1), (7.0, 1)):
+        sightings = Measurements([[-gap * DT, 0.0]], [np.eye(2)], [np.tile(np.eye(2), (2, 1, 1))])
+        beliefs = filtered(replace(tracks, sightings=sightings), None, MOTION, 0.02)
+        assert beliefs.count.tolist() == [count], gap
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_filtering_on_is_filtering_from_the_first_measurement(size):
+    """One by one, all at once or some at a time; and measurements of others change nothing."""
+    tracks = irregular_tracks(8, size, pauses=True)
+    whole = filtered(tracks, None, MOTION, 0.02)
+    for stride in (1, 5):
+        beliefs = None
+        for end in [*range(1, 14, stride), 14]:
+            seen = replace(tracks, sightings=tracks.measured.part([slice(end)] * 8))
+            beliefs = filtered(seen, beliefs, MOTION, 0.02)
+        assert beliefs.log == whole.log and beliefs.count.tolist() == whole.count.tolist()
+        for part, wanted in zip(beliefs.values, whole.values, strict=True):
+            np.testing.assert_allclose(part, wanted, rtol=1e-12, atol=1e-15)
 
 
 def test_shared_and_own_covariances_agree():
     tracks = wandering(12, 20, 2, missing=0.2)
-    shared = np.repeat(tracks.noise[:1], 12, axis=0)
-    whole = filter_axes(gather(tracks), shared, model_of())
+    tracks = replace(tracks, noise=np.repeat(tracks.noise[:1], 12, axis=0))
+    whole = filtered(tracks, None, MOTION, 0.02)
     for index in range(12):
-        alone = filter_axes(gather(tracks.select([index])), shared[:1], model_of())
-        np.testing.assert_allclose(whole.state[index], alone.state[0], atol=1e-13)
-        np.testing.assert_allclose(whole.covariance[index], alone.covariance[0], atol=1e-13)
+        alone = filtered(tracks.select([index]), None, MOTION, 0.02)
+        for part, wanted in zip(whole.values, alone.values, strict=True):
+            np.testing.assert_allclose(part[..., [index]], wanted, atol=1e-13)
 
 
 def test_histories_that_begin_at_different_rows():
@@ -69,39 +142,81 @@ def test_histories_that_begin_at_different_rows():
     positions = np.array(tracks.positions)
     for index in range(6):
         positions[index, : 2 * index] = NAN
-    late = replace(tracks, positions=positions)
-    filtered = filter_axes(gather(late), tracks.noise, model_of())
+    late = filtered(replace(tracks, positions=positions), None, MOTION, 0.02)
     for index in range(6):
         short = replace(tracks.select([index]), positions=positions[[index], 2 * index :])
-        alone = filter_axes(gather(short), short.noise, model_of())
-        np.testing.assert_allclose(filtered.state[index], alone.state[0], atol=1e-13)
-        np.testing.assert_allclose(filtered.covariance[index], alone.covariance[0], atol=1e-13)
+        alone = filtered(short, None, MOTION, 0.02)
+        for part, wanted in zip(late.values, alone.values, strict=True):
+            np.testing.assert_allclose(part[..., [index]], wanted, atol=1e-13)
 
 
-def test_updates_stay_positive_semi_definite_with_tiny_noise():
-    rng = np.random.default_rng(1)
-    root = rng.standard_normal((4, 4, 500))
-    covariance = np.einsum("abo,cbo->aco", root, root)
-    _, after, _ = measured_update(
-        np.zeros((4, 500)), covariance, np.zeros((2, 500)), np.full((2, 500), 1e-18)
-    )
-    spread = np.abs(after).max()
-    assert np.linalg.eigvalsh(after.transpose(2, 0, 1)).min() > -1e-12 * spread
-    gain, total, one = scalar_update(covariance, 1, np.full(500, 0.3))
-    np.testing.assert_allclose(gain, covariance[:, 1] / (covariance[1, 1] + 0.3))
-    np.testing.assert_allclose(total, covariance[1, 1] + 0.3)
-    np.testing.assert_allclose(one[1, 1], 0.3 * covariance[1, 1] / total, rtol=1e-10)
+def one_mode(count, size=2, seed=1):
+    """Return random states and covariances of one mode, and the latter as (O, 2D, 2D)."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((count, 2 * size, 2 * size))
+    whole = root @ root.swapaxes(1, 2)
+    covariance = whole.reshape(count, 2, size, 2, size).transpose(1, 2, 3, 4, 0)[..., None, :]
+    state = rng.standard_normal((2, size, 1, count))
+    return Modes(np.ones((1, count)), state, covariance), whole
 
 
 @pytest.mark.parametrize("size", [2, 3])
-def test_the_backends_forecast_the_same(size):
+def test_updates_stay_positive_semi_definite_with_tiny_noise(size):
+    modes, _ = one_mode(500, size)
+    whitening = whitened(np.tile(1e-18 * np.eye(size)[..., None], 500))
+    after = updated(modes, np.zeros((size, 500)), whitening).covariance[..., 0, :]
+    spread = after.transpose(4, 0, 1, 2, 3).reshape(500, 2 * size, 2 * size)
+    assert np.linalg.eigvalsh(spread).min() > -1e-12 * np.abs(spread).max()
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_whitening_makes_errors_independent(size):
+    """W R W' = I and W is lower triangular, also where axes differ by a factor of 1e6."""
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((40, size, size)) * np.logspace(0, -3, size)[:, None]
+    noise = root @ root.swapaxes(1, 2)
+    whitening = whitened(noise.transpose(1, 2, 0)).transpose(2, 0, 1)
+    assert (whitening == np.tril(whitening)).all()
+    unit = whitening @ noise @ whitening.swapaxes(1, 2)
+    np.testing.assert_allclose(unit, np.tile(np.eye(size), (40, 1, 1)), atol=1e-6)
+
+
+def test_noise_has_a_floor():
+    """R + max(floor^2, 1e-12 tr R) I: the share of the trace is for noise of kilometres."""
+    small, large = np.diag([1e-4, 0.0]), np.diag([1e12, 0.0])
+    found = floored(np.stack([small, large]), 0.1)
+    np.testing.assert_allclose(found, [small + 0.01 * np.eye(2), large + np.eye(2)], rtol=1e-15)
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("irregular", [False, True])
+def test_the_backends_forecast_the_same(size, irregular):
     tracks = wandering(8, 20, size, missing=0.2, far=1e3)
+    if irregular:
+        tracks = irregular_tracks(8, size, pauses=True, far=1e3, latest=2.0)
     ours = Kalman().predict(tracks, 7)
     theirs = Kalman(backend="filterpy").predict(tracks, 7)
     assert ours.fallback == theirs.fallback
     np.testing.assert_allclose(ours.mean, theirs.mean, rtol=0, atol=1e-11)
     np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ours.joint, theirs.joint, rtol=0, atol=1e-12)
+
+
+def test_who_was_measured_before_the_newest_instant_is_carried_over_the_lag():
+    """The forecast from there is the one that began earlier, from its second step on."""
+    tracks = irregular_tracks(5, 2)
+    early = Kalman().predict(tracks, 6)
+    late = Kalman().predict(replace(tracks, stamp=tracks.stamp + 2 * tracks.dt), 4)
+    np.testing.assert_allclose(late.mean, early.mean[:, :, 2:], rtol=1e-12)
+    np.testing.assert_allclose(late.covariance, early.covariance[:, :, 2:], rtol=1e-12)
+    np.testing.assert_allclose(late.joint, early.joint[:, :, 4:, 4:], rtol=1e-12)
+    states, spreads = textbook(tracks, 0.02, 1.0, 0.01)
+    part = Kalman().predict(replace(tracks, stamp=tracks.stamp + 0.13), 3)
+    for h in range(3):
+        f, q = white_acceleration(0.13 + tracks.dt * (h + 1), 0.02, 2)
+        np.testing.assert_allclose(part.mean[:, 0, h], (states @ f.T)[:, :2], atol=1e-11)
+        spread = (f @ spreads @ f.T + q)[:, :2, :2]
+        np.testing.assert_allclose(part.covariance[:, 0, h], spread, atol=1e-11)
 
 
 def test_the_filterpy_backend_keeps_the_laws():
@@ -199,15 +314,41 @@ def test_too_little_to_fit_to_is_said():
         Kalman(backend="simd")
 
 
-def test_the_density_of_a_position_is_that_of_its_innovation():
+def test_an_update_is_the_textbooks_gain():
+    """P+ = P - K S K' and x+ = x + K y, with noise that correlates."""
+    modes, whole = one_mode(7, 3)
     rng = np.random.default_rng(17)
-    root = rng.standard_normal((4, 4))
-    spread, state = root @ root.T, rng.standard_normal(4)
-    place, variance = rng.standard_normal(2), np.array([0.3, 0.7])
-    batch = [np.repeat(one[..., None], 3, axis=-1) for one in (state, spread, place, variance)]
-    after, left, density = measured_update(*batch)
-    wide = spread[:2, :2] + np.diag(variance)
-    gain = spread[:, :2] @ np.linalg.inv(wide)
-    np.testing.assert_allclose(density, multivariate_normal(state[:2], wide).logpdf(place))
-    np.testing.assert_allclose(after[:, 1], state + gain @ (place - state[:2]))
-    np.testing.assert_allclose(left[..., 2], spread - gain @ spread[:2], atol=1e-12)
+    root = rng.standard_normal((7, 3, 3))
+    noise, place = root @ root.swapaxes(1, 2), rng.standard_normal((3, 7))
+    after = updated(modes, place, whitened(noise.transpose(1, 2, 0)))
+    state = modes.state[:, :, 0].transpose(2, 0, 1).reshape(7, 6)
+    gain = whole[:, :, :3] @ np.linalg.inv(whole[:, :3, :3] + noise)
+    moved = state + np.einsum("oij,oj->oi", gain, place.T - state[:, :3])
+    found = after.state[:, :, 0].transpose(2, 0, 1).reshape(7, 6)
+    np.testing.assert_allclose(found, moved, rtol=1e-9)
+    left = after.covariance[..., 0, :].transpose(4, 0, 1, 2, 3).reshape(7, 6, 6)
+    np.testing.assert_allclose(left, whole - gain @ whole[:, :3], atol=1e-10)
+
+
+def test_modes_are_weighted_by_the_density_of_the_innovation():
+    """mu_j = c_j N(z; p_j, P_j + R) / sum of them."""
+    rng = np.random.default_rng(18)
+    several = [one_mode(4, seed=seed) for seed in range(3)]
+    weight = rng.dirichlet(np.ones(3), 4).T
+    modes = Modes(
+        weight,
+        np.concatenate([modes.state for modes, _ in several], axis=2),
+        np.concatenate([modes.covariance for modes, _ in several], axis=4),
+    )
+    root = rng.standard_normal((4, 2, 2))
+    noise, place = root @ root.swapaxes(1, 2), rng.standard_normal((2, 4))
+    after = updated(modes, place, whitened(noise.transpose(1, 2, 0)))
+    for o in range(4):
+        density = [
+            multivariate_normal(modes.state[0, :, m, o], whole[o, :2, :2] + noise[o]).pdf(
+                place[:, o]
+            )
+            for m, (_, whole) in enumerate(several)
+        ]
+        wanted = weight[:, o] * density
+        np.testing.assert_allclose(after.weight[:, o], wanted / wanted.sum(), rtol=1e-9)

@@ -1,15 +1,21 @@
 """Constant acceleration that decays: Singer's matrices, and the filter with three components."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.constant_acceleration import ConstantAcceleration, singer
-from wideberth.predictors.core.history import gather
-from wideberth.predictors.core.kalman_filter import AxisModel, filter_axes
+from wideberth.predictors.constant_acceleration import (
+    ConstantAcceleration,
+    DecayingAcceleration,
+    singer,
+)
+from wideberth.predictors.core.kalman_filter import filtered
 from wideberth.predictors.kalman import Kalman, filter_one_by_one
+from wideberth.tests.helpers.irregular import irregular_tracks
 
 DT = 0.4
 
@@ -33,10 +39,23 @@ def van_loan(dt, acceleration, time_constant):
     return transition, transition @ block[:3, 3:]
 
 
+def singer_step(dt, acceleration, time_constant):
+    """Return the matrices of one step."""
+    return (part[..., 0] for part in singer(np.array([dt]), acceleration, time_constant))
+
+
+def test_steps_of_different_times_are_each_alone():
+    times = np.array([1e-3, 0.4, 2.0, 0.4])
+    several = singer(times, 0.7, 0.9)
+    for k, time in enumerate(times):
+        for part, wanted in zip(several, singer_step(time, 0.7, 0.9), strict=True):
+            np.testing.assert_allclose(part[..., k], wanted, rtol=1e-14)
+
+
 @pytest.mark.parametrize("dt", [0.01, 0.4, 2.0])
 @pytest.mark.parametrize("time_constant", [0.3, 1.0, 50.0])
 def test_singer_equals_the_matrix_exponential(dt, time_constant):
-    transition, process = singer(dt, 0.7, time_constant)
+    transition, process = singer_step(dt, 0.7, time_constant)
     wanted_transition, wanted = van_loan(dt, 0.7, time_constant)
     np.testing.assert_allclose(transition, wanted_transition, rtol=1e-11, atol=1e-13)
     # The exponential has an absolute error of 1e-16 in all its entries.
@@ -44,7 +63,7 @@ def test_singer_equals_the_matrix_exponential(dt, time_constant):
 
 
 def test_a_lasting_acceleration_is_the_textbooks():
-    transition, process = singer(DT, 1.0, 1e9)
+    transition, process = singer_step(DT, 1.0, 1e9)
     np.testing.assert_allclose(transition, [[1, DT, DT**2 / 2], [0, 1, DT], [0, 0, 1]], rtol=1e-8)
     shape = [
         [DT**5 / 20, DT**4 / 8, DT**3 / 6],
@@ -56,23 +75,26 @@ def test_a_lasting_acceleration_is_the_textbooks():
 
 
 def test_the_acceleration_keeps_its_long_run_variance():
-    transition, process = singer(DT, 0.7, 0.9)
+    transition, process = singer_step(DT, 0.7, 0.9)
     decay = transition[2, 2]
     assert process[2, 2] / (1 - decay**2) == pytest.approx(0.49, rel=1e-12)
 
 
 @pytest.mark.parametrize("size", [2, 3])
-def test_three_components_equal_filterpy(size):
+@pytest.mark.parametrize("irregular", [False, True])
+def test_three_components_equal_filterpy(size, irregular):
     rng = np.random.default_rng(0)
     positions = np.cumsum(0.3 * rng.standard_normal((10, 15, size)), axis=1)
     positions[rng.random((10, 15)) < 0.2] = np.nan
     root = 0.05 * (np.eye(size) + 0.4 * rng.standard_normal((10, size, size)))
-    noise = root @ root.swapaxes(1, 2)
-    past = gather(tracks_of(positions))
-    model = AxisModel(*singer(DT, 0.4, 0.8), np.array([1.0, 0.16]))
-    ours, theirs = filter_axes(past, noise, model), filter_one_by_one(past, noise, model)
-    np.testing.assert_allclose(ours.state, theirs.state, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=0, atol=1e-12)
+    tracks = replace(tracks_of(positions), noise=root @ root.swapaxes(1, 2))
+    if irregular:
+        tracks = irregular_tracks(10, size, pauses=True)
+    motion = DecayingAcceleration(0.4, 0.8, 1.0)
+    ours, theirs = filtered(tracks, None, motion, 0.03), filter_one_by_one(tracks, motion, 0.03)
+    assert ours.count.tolist() == theirs.count.tolist() and ours.log == theirs.log
+    for part, wanted in zip(ours.values, theirs.values, strict=True):
+        np.testing.assert_allclose(part, wanted, rtol=0, atol=1e-12)
 
 
 def test_a_short_lived_acceleration_is_white():

@@ -1,10 +1,13 @@
 """Turning bodies: the filter against filterpy and closed forms, and when they step aside."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.measurements import NO_LOG, Measurements
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors import coordinated_turn
 from wideberth.predictors.constant_acceleration import singer
@@ -12,14 +15,11 @@ from wideberth.predictors.coordinated_turn import (
     CHORD,
     CoordinatedTurn,
     TurnModel,
-    _chords,
-    filter_turns,
     floored_root,
     position_update,
     unscented_step,
 )
-from wideberth.predictors.core.history import gather
-from wideberth.predictors.core.propagation import white_acceleration
+from wideberth.predictors.core.propagation import white_steps
 from wideberth.predictors.kalman import Kalman
 
 DT = 0.5
@@ -40,10 +40,10 @@ def circle(samples, speed=1.0, rate=0.3, heading=0.4):
     return speed / rate * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
 
 
-def model_of(turn_time=2.0):
-    transition, process = singer(DT, 0.3, turn_time)
-    _, along = white_acceleration(DT, 0.05, 1)
-    return TurnModel(DT, along, transition[1:, 1:], process[1:, 1:])
+def model_of(turn_time=2.0, times=(DT,)):
+    transition, process = singer(np.array(times), 0.3, turn_time)
+    _, along = white_steps(np.array(times), 0.05)
+    return TurnModel(np.array(times), along, transition[1:, 1:], process[1:, 1:])
 
 
 def states(count, seed=0):
@@ -72,7 +72,7 @@ def test_an_arc_is_the_textbooks_and_has_no_hole_at_zero():
 def test_noise_acts_along_the_heading_and_on_the_turn():
     """Q = G diag(Q_along, Q_turn) G' with the heading's direction in G; told apart by sizes."""
     along, turn = np.array([[0.7, 0.2], [0.2, 0.3]]), np.array([[0.05, 0.02], [0.02, 0.04]])
-    model = TurnModel(DT, along, np.eye(2), turn)
+    model = TurnModel(np.array([DT]), *(one[..., None] for one in (along, np.eye(2), turn)))
     state, _ = states(6)
     for one, noise in zip(state, model.process(state), strict=True):
         lead = np.zeros((5, 4))
@@ -82,44 +82,101 @@ def test_noise_acts_along_the_heading_and_on_the_turn():
         np.testing.assert_allclose(noise, wanted, atol=1e-15)
 
 
-def measured(seed=2):
+def test_steps_of_different_times_are_each_alone():
+    state, spread = states(3)
+    times = (0.1, 0.5, 0.83)
+    together = unscented_step(state, spread, model_of(times=times))
+    for k, time in enumerate(times):
+        alone = unscented_step(state[[k]], spread[[k]], model_of(times=(time,)))
+        for part, wanted in zip(together, alone, strict=True):
+            np.testing.assert_allclose(part[[k]], wanted, rtol=1e-12, atol=1e-15)
+
+
+def measured(seed=2, irregular=False):
+    """Return tracks of two people on a circle, measured with an error that correlates."""
     rng = np.random.default_rng(seed)
-    path = circle(12) + 0.03 * rng.standard_normal((12, 2))
-    start = np.array([path[0, 0], path[0, 1], 0.2, 0.8, 0.0])
-    return (
-        path,
-        start,
-        np.diag([0.01, 0.01, 0.2, 1.0, 0.1]),
-        np.array([[0.003, 1e-3], [1e-3, 2e-3]]),
-    )
+    times, places, noise = [], [], []
+    for count in (12, 9):
+        lags = rng.uniform(0.1, 1.9, count) if irregular else np.full(count, DT)
+        time = np.cumsum(lags)
+        angle = 0.4 + 0.3 * time
+        circle = np.stack([np.sin(angle), -np.cos(angle)], axis=1) / 0.3
+        places.append(circle + 0.03 * rng.standard_normal((count, 2)))
+        times.append(time - time[-1])
+        root = 0.03 * (np.eye(2) + 0.4 * rng.standard_normal((count, 2, 2)))
+        noise.append(root @ root.swapaxes(1, 2))
+    grid = np.stack([one[-9:] for one in places])
+    last = np.stack([one[-1] for one in noise])
+    return Tracks(grid, DT, ("a", "b"), np.full(2, 0.3), last, 0.0,
+                  sightings=Measurements(times, places, noise, (3, 5)))  # fmt: skip
 
 
-def run(path, start, spread, noise, model):
-    past = gather(tracks_of([path]))
-    first = start.copy()
-    first[:2] -= past.origin[0]
-    state, covariance, _ = filter_turns(past, noise[None], (first[None], spread[None]), model)
-    state[0, :2] += past.origin[0]
-    return state[0], covariance[0]
-
-
-def test_unscented_filter_equals_filterpy():
+def filterpy_filter(predictor, times, places, noise, dt):
+    """Filter with filterpy from the first measurement on, in the frame of the first chord."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-    path, start, spread, noise = measured()
-    model = model_of()
+    later = np.flatnonzero(times >= times[0] + 3.0 * dt - 1e-6)
+    end = int(later[0]) if len(later) else len(times) - 1
+    chord = places[end] - places[0]
+    length = np.hypot(*chord)
+    frame = np.array([[chord[0], -chord[1]], [chord[1], chord[0]]]) / length
+    places = (places - places[0]) @ frame
+    noise = frame.T @ (noise + 0.03**2 * np.eye(2)) @ frame
+    steps = {}
+
+    def ahead(state, lag):
+        return steps[lag].moved(state[None])[0]
+
     points = MerweScaledSigmaPoints(5, alpha=1.0, beta=2.0, kappa=0.0)
-    engine = UnscentedKalmanFilter(
-        5, 2, DT, hx=lambda x: x[:2], fx=lambda x, dt: model.moved(x), points=points
-    )
-    engine.x, engine.P, engine.R = start.copy(), spread.copy(), noise
-    for position in path[1:]:
-        engine.Q = model.process(engine.x[None])[0]
-        engine.predict()
-        engine.update(position)
-    state, covariance = run(path, start, spread, noise, model)
-    np.testing.assert_allclose(state, engine.x, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(covariance, engine.P, rtol=0, atol=1e-10)
+    engine = UnscentedKalmanFilter(5, 2, dt, hx=lambda x: x[:2], fx=ahead, points=points)
+    engine.x = np.array([0.0, 0.0, 0.0, length / (times[end] - times[0]), 0.0])
+    doubt = min(np.trace(noise[0]) / length**2, np.pi**2 / 3)
+    first = [0.5**2 + doubt, predictor.speed**2, predictor.yaw_rate**2]
+    engine.P = np.diag([0.0, 0.0, *first])
+    engine.P[:2, :2] = noise[0]
+    for k in range(1, len(times)):
+        number = max(1, round((times[k] - times[k - 1]) / dt))
+        lag = (times[k] - times[k - 1]) / number
+        steps[lag] = predictor._model(np.array([lag]))
+        for _ in range(number):
+            engine.Q = steps[lag].process(engine.x[None])[0]
+            engine.predict(dt=lag)
+        engine.update(places[k], R=noise[k])
+    return engine.x, engine.P, frame
+
+
+@pytest.mark.parametrize("irregular", [False, True])
+def test_unscented_filter_equals_filterpy(irregular):
+    tracks, predictor = measured(irregular=irregular), CoordinatedTurn()
+    beliefs = predictor.filtered(tracks)
+    state, covariance, frame, origin, _ = beliefs.values
+    sightings = tracks.measured
+    for k in range(2):
+        parts = sightings.times[k], sightings.positions[k], sightings.noise[k]
+        wanted, spread, axes = filterpy_filter(predictor, *parts, DT)
+        np.testing.assert_allclose(frame[..., k], axes, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(origin[:, k], sightings.positions[k][0])
+        np.testing.assert_allclose(state[:, k], wanted, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(covariance[..., k], spread, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("stride", [1, 4])
+def test_filtering_on_is_filtering_from_the_first_measurement(stride):
+    """Also while the first chord still changes, and over a pause after which it begins anew."""
+    tracks, predictor = measured(irregular=True), CoordinatedTurn()
+    times = list(tracks.measured.times)
+    times[1] = np.where(np.arange(9) < 4, times[1] - 5.0, times[1])
+    parts = times, tracks.measured.positions, tracks.measured.noise
+    sightings = Measurements(*parts, (3, 5))
+    beliefs = None
+    for end in [*range(1, 12, stride), 12]:
+        seen = replace(tracks, sightings=sightings.part([slice(end)] * 2))
+        beliefs = predictor.filtered(seen, beliefs)
+        whole = predictor.filtered(seen)
+        assert beliefs.count.tolist() == whole.count.tolist() and beliefs.log == whole.log
+        for part, wanted in zip(beliefs.values, whole.values, strict=True):
+            np.testing.assert_allclose(part, wanted, rtol=1e-12, atol=1e-15)
+    assert beliefs.count.tolist() == [12, 5]
 
 
 def test_floored_root_is_choleskys_and_survives_singular_ones():
@@ -175,8 +232,7 @@ def test_it_drives_on_along_the_circle(monkeypatch):
     assert error[-1] < 0.15 * np.linalg.norm(plain[-1] - path[-1])
 
 
-def test_many_turns_wrap_nothing(monkeypatch):
-    monkeypatch.setattr(coordinated_turn, "FILTERED", 400)
+def test_many_turns_wrap_nothing():
     path = circle(400, rate=1.0)
     predictor = CoordinatedTurn(turn_time=LASTING, yaw_rate=0.5)
     early = predictor.predict(tracks_of([path[:200]]), 5)
@@ -239,24 +295,33 @@ def test_filtering_together_is_filtering_one_by_one():
     positions += 0.01 * rng.standard_normal(positions.shape)
     positions[1, :3] = NAN
     positions[1, 5] = positions[2, 4:6] = NAN
-    tracks = tracks_of(positions)
-    past, model = gather(tracks), model_of()
-    start = states(3, 2)
-    found = filter_turns(past, tracks.noise, start, model)
-    for o, (state, spread) in enumerate(zip(*start, strict=True)):
-        state, spread, fit = state[None], spread[None], []
-        for column in range(int(past.began[o]) + 1, 9):
+    tracks, predictor = tracks_of(positions), CoordinatedTurn()
+    found = predictor.filtered(tracks)
+    model = predictor._model(np.array([DT]))
+    noise = tracks.noise[0] + 0.03**2 * np.eye(2)
+    for o in range(3):
+        first = predictor.filtered(replace(tracks.select([o]), positions=positions[[o], :9]))
+        frame, origin = first.values[2][..., 0], first.values[3][:, 0]
+        seen = np.isfinite(positions[o]).all(axis=1)
+        began = int(np.argmax(seen))
+        chord = (positions[o, began + 3] - positions[o, began]) @ frame
+        assert chord[1] == pytest.approx(0.0, abs=1e-12)
+        doubt = np.trace(noise) / chord[0] ** 2
+        state = np.array([[0.0, 0.0, 0.0, chord[0] / (3 * DT), 0.0]])
+        spread = np.zeros((1, 5, 5))
+        spread[0, :2, :2] = noise
+        spread[0, [2, 3, 4], [2, 3, 4]] = 0.25 + doubt, 1.0, 0.09
+        fit = []
+        for column in range(began + 1, 9):
             state, spread, _ = unscented_step(state, spread, model)
-            if past.observed[o, column]:
-                place = past.positions[o, column][None]
-                state, spread, surprise = position_update(
-                    state, spread, place, tracks.noise[o][None]
-                )
+            if seen[column]:
+                place = ((positions[o, column] - origin) @ frame)[None]
+                state, spread, surprise = position_update(state, spread, place, noise[None])
                 fit.append(float(surprise[0]))
                 assert np.array_equal(spread, spread.swapaxes(1, 2))
-        np.testing.assert_allclose(found[0][o], state[0], rtol=1e-10, atol=1e-12)
-        np.testing.assert_allclose(found[1][o], spread[0], rtol=1e-9, atol=1e-14)
-        assert found[2][o] == pytest.approx(np.mean(fit) / 2.0, rel=1e-9)
+        np.testing.assert_allclose(found.values[0][:, o], state[0], rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(found.values[1][..., o], spread[0], rtol=1e-8, atol=1e-13)
+        assert found.values[4][:, o] == pytest.approx([np.sum(fit), len(fit)], rel=1e-9)
 
 
 def test_the_first_chord_is_over_the_steps_that_it_takes():
@@ -268,21 +333,21 @@ def test_the_first_chord_is_over_the_steps_that_it_takes():
     paths[3] = paths[0]
     paths[3, CHORD] = np.nan
     names, spread = ("a", "b", "c", "d"), np.tile(1e-4 * np.eye(2), (4, 1, 1))
-    chord, span = _chords(gather(Tracks(paths, 0.5, names, np.full(4, 0.3), spread)))
-    assert span.tolist() == [CHORD, 1.0, 1.0, CHORD + 1.0]
+    tracks = Tracks(paths, 0.5, names, np.full(4, 0.3), spread)
+    log, measured = [1, 2, 3, 4], tracks.measured
+    found = coordinated_turn._starts(tracks, np.zeros(4, dtype=np.int64), np.full(4, -np.inf), log)
     wanted = [[CHORD**2, 0.5 * CHORD**2], [2.0, 0.0], [0.0, 0.0]]
-    np.testing.assert_allclose(chord, [*wanted, [(CHORD + 1) ** 2, 0.5 * (CHORD + 1) ** 2]])
+    wanted.append([(CHORD + 1) ** 2, 0.5 * (CHORD + 1) ** 2])
+    np.testing.assert_allclose([found[k][0] for k in range(4)], wanted)
+    spans = [found[k][1] / 0.5 for k in range(4)]
+    assert spans == pytest.approx([CHORD, 1.0, 1.0, CHORD + 1.0], rel=1e-12)
+    # Those who were seen for less than the chord are filtered again with it.
+    assert log == [1, NO_LOG, NO_LOG, 4] and len(measured.times[3]) == CHORD + 2
 
 
-def test_a_heading_of_which_nothing_is_known_has_the_spread_of_a_uniform_one(monkeypatch):
+def test_a_heading_of_which_nothing_is_known_has_the_spread_of_a_uniform_one():
     """(2 pi)^2 / 12, where the first chord is of length 0."""
-    begun = []
-
-    def seen(past, noise, start, *given):
-        begun.append(start[1][:, 2, 2])
-        return filter_turns(past, noise, start, *given)
-
-    monkeypatch.setattr(coordinated_turn, "filter_turns", seen)
-    CoordinatedTurn().predict(tracks_of(np.zeros((1, 8, 2))), 3)
+    beliefs = CoordinatedTurn().filtered(tracks_of(np.zeros((1, 1, 2))))
     uniform = (2.0 * np.pi) ** 2 / 12.0
-    assert begun[0] == pytest.approx([coordinated_turn.FIRST_HEADING**2 + uniform], rel=1e-12)
+    wanted = coordinated_turn.FIRST_HEADING**2 + uniform
+    assert beliefs.values[1][2, 2, 0] == pytest.approx(wanted, rel=1e-12)

@@ -13,10 +13,10 @@ from wideberth.metrics.scoring import energy_score, reached_tail
 from wideberth.predictors import turning
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core import straight_stretch
-from wideberth.predictors.core.history import gather, measurement_noise
+from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.core.straight_stretch import LONGEST_STRETCH, since_jump
-from wideberth.predictors.kalman import Kalman, filter_one_by_one
+from wideberth.predictors.kalman import Kalman, WhiteAcceleration, filter_one_by_one
 from wideberth.predictors.turning import TurningPeople
 
 DT = 0.2
@@ -49,7 +49,7 @@ def fine(monkeypatch):
     monkeypatch.setattr(turning, "LIGHT", 1e-9)
     monkeypatch.setattr(turning, "SECTORS", 720)
     monkeypatch.setattr(turning, "CELL", 1e-6)
-    monkeypatch.setattr(turning, "WALK", Kalman(1e-12, speed=2.0))
+    monkeypatch.setattr(turning, "WALK", WhiteAcceleration(1e-12, 2.0))
 
 
 def drawn_walks(count, place, velocity, tendency, rng):
@@ -88,7 +88,7 @@ def test_moments_are_those_of_the_stated_walk(fine, tendency):
 
 
 def test_few_modes_have_nearly_the_same_moments(monkeypatch):
-    monkeypatch.setattr(turning, "WALK", Kalman(1e-12, speed=2.0))
+    monkeypatch.setattr(turning, "WALK", WhiteAcceleration(1e-12, 2.0))
     place, velocity = np.array([1.0, -2.0]), np.array([1.1, 0.4])
     predictor = TurningPeople(area=SQUARE)
     forecast = predictor.predict(tracks_of(straight(place, velocity)), 20)
@@ -141,7 +141,8 @@ def test_straight_on_is_what_kalman_says():
         track, positions=np.where(np.arange(12)[:, None] == 7, np.nan, track.positions)
     )
     forecast = TurningPeople().predict(track, 8)
-    wanted = Kalman(speed=2.0, history=LONGEST_STRETCH + 1).predict(track, 8)
+    newest = replace(track, positions=track.positions[:, -LONGEST_STRETCH - 1 :])
+    wanted = Kalman(speed=2.0).predict(newest, 8)
     assert forecast.mean[:, 0] == pytest.approx(wanted.mean[:, 0], abs=1e-12)
     assert forecast.covariance[:, 0] == pytest.approx(wanted.covariance[:, 0], abs=1e-12)
     assert forecast.joint[:, 0] == pytest.approx(wanted.joint[:, 0], abs=1e-12)
@@ -161,9 +162,9 @@ def test_a_turn_mode_errs_as_place_and_velocity_do(fine):
     """Covariance of a mode against drawn errors of the state carried through its turn."""
     track = tracks_of(straight((0.0, 0.0), (1.0, 0.5)), noise=0.05)
     forecast = TurningPeople(9, hazard=0.5).predict(track, 12)
-    noise = measurement_noise(track, 0.01)
-    found = filter_one_by_one(gather(track, length=11), noise, turning.WALK.model(DT))
-    first, cross, second = found.covariance[0, [0, 0, 2], [0, 2, 2]]
+    newest = replace(track, positions=track.positions[:, -11:])
+    spread = filter_one_by_one(newest, turning.WALK, 0.01).values[2][:, 0, :, 0, 0, 0]
+    first, cross, second = spread[[0, 0, 1], [0, 1, 1]]
     rng = np.random.default_rng(2)
     root = np.linalg.cholesky([[first, cross], [cross, second]])
     place, velocity = np.einsum("ij,jcd->icd", root, rng.standard_normal((2, 40000, 2)))
@@ -356,8 +357,10 @@ def test_who_has_just_jumped_may_jump_again():
     for since in (1, 5, 9, 12):
         track = tracks_of(corner((1.2, 0.0), (-0.4, 0.9), 15, since * DT))
         forecast = TurningPeople().predict(track, 2)
-        history = Kalman(speed=2.0, history=min(since, LONGEST_STRETCH) + 1)
-        added = forecast.covariance[0, 0, 1] - history.predict(track, 2).covariance[0, 0, 1]
+        rows = min(since, LONGEST_STRETCH) + 1
+        newest = replace(track, positions=track.positions[:, -rows:])
+        plain = Kalman(speed=2.0).predict(newest, 2)
+        added = forecast.covariance[0, 0, 1] - plain.covariance[0, 0, 1]
         assert added[0, 1] == pytest.approx(0.0, abs=1e-12)
         spread.append(added[0, 0] / (2 * DT) ** 2)
     assert spread == pytest.approx([0.16 * 0.9, 0.16 * 0.5, 0.16 * 0.1, 0.0], abs=1e-12)

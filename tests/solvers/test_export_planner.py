@@ -4,7 +4,8 @@ import ctypes
 import shutil
 import subprocess
 from collections import Counter
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,20 @@ import numpy as np
 import pytest
 
 from wideberth.benchmarks.exported_folder import fits
-from wideberth.experiments.cli.export import whole_planner
+from wideberth.experiments.cli.export import export, whole_planner
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.numerics.geometry import plane_turn
+from wideberth.framework.tracking.history import MOST
+from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.motion import Observation
+from wideberth.framework.values.motion import Detection, Observation
+from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.solvers.export.planner.files import RUNGS, bundle
 from wideberth.solvers.export.planner.supported import SUPPORTED
 from wideberth.solvers.export.solver.native import NATIVE, machine
 from wideberth.tests.helpers.planner_library import (
     COMPILER,
+    FORECASTS,
     REPLAY,
     Drive,
     Library,
@@ -65,7 +71,7 @@ def later(seen: Observation) -> Observation:
 
 EVENTS = {8: lost, 14: back, 29: later}
 DRIVES: dict[str, tuple[dict[str, Any], list[tuple[Scene, int, int]]]] = {
-    "recommended": (
+    "crowds": (
         {},
         [
             (Scene(people=5, walls=6, late=True), 0, 35),
@@ -74,10 +80,11 @@ DRIVES: dict[str, tuple[dict[str, Any], list[tuple[Scene, int, int]]]] = {
             (Scene(people=1), 3, 15),
         ],
     ),
-    "kalman": (
-        {"predictor": "kalman", "period": 0.1, "solver": {"type": "riccati", "iterations": 12}},
+    "fast": (
+        {"period": 0.1, "solver": {"type": "riccati", "iterations": 12}},
         [
-            (Scene(people=5, walls=3, late=True, period=0.1), 0, 40),
+            (Scene(people=5, walls=3, late=True, period=0.1), 7, 40),
+            (Scene(people=4, period=0.1, events=EVENTS), 0, 35),
             (Scene(people=4, period=0.1, events=EVENTS), 1, 35),
             (Scene(people=4, period=0.1, events=EVENTS), 8, 35),
             (Scene(people=10, close=True, odd=0.05, period=0.1), 2, 25),
@@ -85,14 +92,15 @@ DRIVES: dict[str, tuple[dict[str, Any], list[tuple[Scene, int, int]]]] = {
     ),
     "forwards": (
         {"robot": {"type": "unicycle", "max_yaw_rate": 1.0, "max_yaw_acceleration": 1.0,
-                   "max_reverse_speed": 0.0}, "wall_margin": 0.02},
+                   "max_reverse_speed": 0.0}, "wall_margin": 0.02,
+         "predictor": {"type": "kalman", "acceleration_density": 0.05, "speed": 0.7,
+                       "noise_floor": 0.02}},
         [(Scene(people=3, turned=2.9), 0, 20), (Scene(people=5, walls=6, turned=-2.2), 1, 20)],
     ),
     "hard": (
         {
-            "predictor": {"type": "adaptive_conformal", "base": "kalman", "speeds": [1.0]},
             "level": {"type": "discounted"}, "penalty": None, "static_region": None,
-            "most_obstacles": 2, "history": 20, "track_dt": 0.4,
+            "most_obstacles": 2, "track_dt": 0.4,
             "starts": ["along", "left", "coast", "back-right"],
             "fallback": {"rungs": ["optimal", "shifted last plan", "brake"]},
         },
@@ -127,7 +135,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Case]:
 
 @needs_compiler
 def test_commands_are_python_s(cases: dict[str, Case]) -> None:
-    """285 decisions and 25 with hard regions: crowds, walls, contact, odd numbers, odd clocks."""
+    """320 decisions and 25 with hard regions: crowds, walls, contact, odd numbers, odd clocks."""
     rungs: Counter[str] = Counter()
     several = warm = 0
     for name, case in cases.items():
@@ -147,7 +155,7 @@ def test_commands_are_python_s(cases: dict[str, Case]) -> None:
             several += sum(one.starts > 1 for _, one in taken)
             pairs = zip(drive.ticks, found, strict=True)
             warm += sum(tick.iterations == one.iterations > 0 for tick, one in pairs)
-    assert sum(rungs.values()) == 310
+    assert sum(rungs.values()) == 345
     assert several > 40 and warm > 200  # the solver took as many iterations as in Python
     for rung, most in {"optimal": 100, "feasible": 15, "shifted": 1, "least violation": 30,
                        "brake": 30, "emergency": 2}.items():  # fmt: skip
@@ -165,7 +173,7 @@ def test_two_threads_under_sanitizers(cases: dict[str, Case], flags: str, tmp_pa
     """The glue is compiled with them; the solver's object code is as it is shipped."""
     if not _knows(flags, tmp_path):
         pytest.skip(f"this compiler has no -fsanitize={flags}")
-    case = cases["recommended"]
+    case = cases["crowds"]
     words = ["-O1", "-g", f"-fsanitize={flags}", "-fno-sanitize-recover=all", "-I.", "-pthread"]
     program = compiled(case.place, "replay", *words, str(REPLAY))
     for commands in replayed(case, program, case.drives[:2], tmp_path):
@@ -194,16 +202,164 @@ def replayed(case: Case, program: Path, drives: list[Drive], place: Path) -> lis
 
 @needs_compiler
 def test_another_constant_is_noticed(cases: dict[str, Case], tmp_path: Path) -> None:
-    case = cases["recommended"]
+    case = cases["crowds"]
     place = Path(shutil.copytree(case.place, tmp_path / "c"))
     table = place / "wideberth_planner_tables.h"
-    text, rate = table.read_text(), "PLAN_CONFORMAL_RATE 0.1"
-    assert text.count(rate) == 1
-    table.write_text(text.replace(rate, f"{rate}1"))
+    text, floor = table.read_text(), "PLAN_NOISE_FLOOR 0.01"
+    assert text.count(floor) == 1
+    table.write_text(text.replace(floor, f"{floor}1"))
     changed = library(place)
     found = [one for drive in case.drives for one in changed.replayed(drive)]
     commands = np.array([[*one.linear, one.omega, one.ramp] for one in found])
     assert differences(case.drives, commands).max() > 1e-4
+
+
+# ---- Forecasts are those of a Kalman filter
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured position (2,), m, its covariance (2, 2), m^2, and its time, s."""
+
+    time: float
+    position: Array
+    covariance: Array
+
+
+def filtered(log: Sequence[Measurement], kalman: Any, step: float) -> tuple[Array, Array]:
+    """Return state (4,) and covariance (4, 4) of position and velocity after a log."""
+    state, spread, last = np.zeros(4), np.zeros((4, 4)), -np.inf
+    for measurement in log:
+        noise = measurement.covariance + kalman.noise_floor**2 * np.eye(2)
+        if measurement.time - last > 6.0 * step * (1.0 + 1e-6):
+            state = np.concatenate([measurement.position, np.zeros(2)])
+            spread = np.zeros((4, 4))
+            spread[:2, :2], spread[2:, 2:] = noise, kalman.speed**2 * np.eye(2)
+        else:
+            state, spread = ahead(state, spread, measurement.time - last, kalman)
+            gain = spread[:, :2] @ np.linalg.inv(spread[:2, :2] + noise)
+            state = state + gain @ (measurement.position - state[:2])
+            spread = spread - gain @ spread[:2]
+        last = measurement.time
+    return state, spread
+
+
+def ahead(state: Array, spread: Array, lag: float, kalman: Any) -> tuple[Array, Array]:
+    """Return state and covariance ``lag`` s later."""
+    transition, process = white_acceleration(lag, kalman.acceleration_density, 2)
+    return transition @ state, transition @ spread @ transition.T + process
+
+
+def expected(
+    log: Sequence[Measurement], stated: Array, made: Planner, stamp: float, newest: float
+) -> tuple[Array, Array]:
+    """Return means (N, 2) and covariances (N, 2, 2) at the steps of a plan from ``stamp`` s on.
+
+    Parameters
+    ----------
+    log : measurements that count. stated : (2, 2), m^2, covariance of the last report.
+    made : the planner. newest : s, time of the newest measurement of all obstacles.
+    """
+    kalman, step, last = made.predictor, made.track_dt, log[-1]
+    lag = newest - last.time if newest - last.time > 1e-6 * step else 0.0
+    now = filtered(log, kalman, step)
+    times = (stamp - newest + made.dt * np.arange(1, made.horizon + 1)) / step
+    rows = [ahead(*now, lag + step * h, kalman) for h in range(1, int(times[-1]) + 3)]
+    first = last.position if lag == 0.0 else rows[0][0][:2]
+    means = np.array([first, *(mean[:2] for mean, _ in rows)])
+    covariances = np.array([stated, *(spread[:2, :2] for _, spread in rows)])
+    below = times.astype(int)
+    share = (times - below)[:, None]
+    mean = (1.0 - share) * means[below] + share * means[below + 1]
+    weight = share[:, None]
+    return mean, (1.0 - weight) * covariances[below] + weight * covariances[below + 1]
+
+
+def noted(log: list[Measurement], measurement: Measurement, step: float) -> str:
+    """Add a measurement unless it is older than the last, or replace the last; say which."""
+    lag = measurement.time - log[-1].time if log else np.inf
+    if lag < -1e-6 * step:
+        return "late"
+    same = lag <= 1e-6 * step
+    log[len(log) - same :] = [measurement]
+    return "same time" if same else "after a gap" if 6.0 * step < lag < np.inf else "new"
+
+
+class Forecasting:
+    """A library that hands its forecasts out, and a path."""
+
+    def __init__(self, place: Path, made: Planner) -> None:
+        words = ["-O1", "-shared", "-I.", str(FORECASTS)]
+        self.library = Library(compiled(place, "forecasts.so", *words), place)
+        self.horizon = made.horizon
+        assert self.library.follow(np.array([(0.0, 0.0), (9.0, 0.0)])) == 0
+
+    def after(self, stamp: float, detections: Sequence[Detection]) -> tuple[Array, Array]:
+        """Decide; return means (O, N, 2) and covariances (O, N, 2, 2), by name."""
+        self.library.decide(Observation(stamp, np.zeros(5), tuple(detections)))
+        means = np.zeros((MOST, self.horizon, 2))
+        covariances = np.zeros((MOST, self.horizon, 2, 2))
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (means, covariances)]
+        count = self.library.code.planner_forecasts(self.library.planner, *pointers)
+        return means[:count], covariances[:count]
+
+
+@pytest.fixture(scope="module")
+def coarse() -> Planner:
+    """Return a planner whose tracks have longer steps than its plans."""
+    return planner(dt=0.25, track_dt=0.4, period=0.1, static_region=None)
+
+
+@pytest.fixture(scope="module")
+def forecasting(coarse: Planner, tmp_path_factory: pytest.TempPathFactory) -> Forecasting:
+    return Forecasting(exported(coarse, tmp_path_factory.mktemp("coarse") / "c"), coarse)
+
+
+@needs_compiler
+def test_forecasts_are_a_kalman_filter_s(coarse: Planner, forecasting: Forecasting) -> None:
+    """Each measurement counts at its own time, with its own covariance, for as long as needed."""
+    rng, step = np.random.default_rng(3), coarse.track_dt
+    place, speed = rng.uniform(2.0, 6.0, (6, 2)), rng.normal(0.0, 0.4, (6, 2))
+    logs: dict[str, list[Measurement]] = {f"person {k}": [] for k in range(6)}
+    kinds: Counter[str] = Counter()
+    stated: dict[str, Array] = {}
+    forecasting.library.code.wideberth_planner_reset(forecasting.library.planner)
+    for tick in range(300):
+        stamp, detections = 0.1 * tick, []
+        for k, (name, log) in enumerate(logs.items()):
+            away = tick % 45 > 44 - 5 * k
+            if tick and (away or rng.random() < 0.25):
+                continue
+            age = float(rng.choice([0.0, 0.03, 0.1, 0.25])) if k else 0.0
+            turn = plane_turn(rng.uniform(0.0, 3.0))
+            spread = turn @ np.diag(rng.uniform(1e-5, 4e-3, 2)) @ turn.T
+            stated[name] = 0.5 * (spread + spread.T)
+            at = place[k] + speed[k] * (stamp - age) + 0.02 * rng.standard_normal(2)
+            detections.append(Detection(name, at, stated[name], 0.3, age))
+            kinds[noted(log, Measurement(stamp - age, at, stated[name]), step)] += 1
+        newest = max(log[-1].time for log in logs.values())
+        means, covariances = forecasting.after(stamp, detections)
+        assert len(means) == len(logs)
+        for k, (name, log) in enumerate(logs.items()):
+            mean, covariance = expected(log, stated[name], coarse, stamp, newest)
+            assert np.abs(means[k] - mean).max() < 1e-9, (tick, k)
+            assert np.abs(covariances[k] - covariance).max() < 1e-9, (tick, k)
+    assert all(kinds[kind] > 5 for kind in ("late", "same time", "after a gap", "new")), kinds
+
+
+@needs_compiler
+def test_a_late_report_keeps_an_obstacle_but_not_its_forecast(
+    coarse: Planner, forecasting: Forecasting
+) -> None:
+    forecasting.library.code.wideberth_planner_reset(forecasting.library.planner)
+    spread = 1e-4 * np.eye(2)
+    first = Detection("person", np.array([4.0, 1.0]), spread, 0.3)
+    late = replace(first, position=np.array([4.5, 1.0]), age=2.5)
+    forecasting.after(0.0, [first])
+    alone = forecasting.after(2.0, [])[0]
+    assert (forecasting.after(2.0, [late])[0] == alone).all()
+    assert len(forecasting.after(4.9, [])[0]) == 1
+    assert len(forecasting.after(5.1, [])[0]) == 0
 
 
 # ---- Failures are statuses, and the command brakes
@@ -211,7 +367,7 @@ def test_another_constant_is_noticed(cases: dict[str, Case], tmp_path: Path) -> 
 
 @needs_compiler
 def test_every_failure_has_a_status_and_a_braking_command(cases: dict[str, Case]) -> None:
-    case = cases["recommended"]
+    case = cases["crowds"]
     own, first = case.library, case.drives[0].ticks[0].seen
     code, moving = own.code, replace(first, state=np.array([0.0, 0.0, 0.0, 0.5, 0.1]))
     fresh = Library(case.place / "planner.so", case.place)
@@ -255,7 +411,7 @@ def test_walls_of_a_costmap_cover_its_cells(cases: dict[str, Case]) -> None:
     rng = np.random.default_rng(0)
     cells = rng.choice(np.array([0, 100, 253, 254, 255], np.uint8), (12, 17))
     cells[3:6, 2:9] = 254
-    own = cases["recommended"].library
+    own = cases["crowds"].library
     taken, walls = ctypes.create_string_buffer(cells.size), (own.types.wall * 200)()
     near = (ctypes.c_double * 2)(1.0, 1.0)
     given = Costmap(cells.tobytes(), 17, 12, 0.5, (ctypes.c_double * 2)(-2.0, 1.0), 254, 255)
@@ -278,7 +434,7 @@ def test_walls_of_a_costmap_cover_its_cells(cases: dict[str, Case]) -> None:
 
 @needs_compiler
 def test_the_example_drives_past_people(cases: dict[str, Case]) -> None:
-    place = cases["kalman"].place
+    place = cases["fast"].place
     made = subprocess.run(
         ["make", "CFLAGS=-O1 -Wall -Wextra -Werror"], cwd=place, capture_output=True, text=True,
         check=False, timeout=120,
@@ -316,12 +472,12 @@ def test_the_nav2_controller_drives(
     cases: dict[str, Case], headers: tuple[str, ...], kind: str, tmp_path: Path
 ) -> None:
     """Past a person and a wall, on a path of another frame; with our headers in place of ROS."""
-    helpers, place = REPLAY.parent, cases["recommended"].place
+    helpers, place = REPLAY.parent, cases["crowds"].place
     for name in headers:
         stub = tmp_path / f"{name}.hpp"
         stub.parent.mkdir(parents=True, exist_ok=True)
         stub.write_text('#include "nav2_stub.hpp"\n')
-    assert cases["recommended"].library
+    assert cases["crowds"].library
     words = [f"-D{flag}" for flag in FLAGS] + [f'-DKIND="{kind}"', f"-I{tmp_path}", "-std=c++20"]
     words += ["-DOF_COSTMAP_CONVERTER"] if kind == "costmap_converter_msgs" else []
     sources = [place / "wideberth_nav2.cpp", helpers / "nav2_drive.cpp"]
@@ -369,8 +525,6 @@ WAYS = {"type": "ways", "region": "mahalanobis_ellipse"}
     [
         ("robot", {"robot": "bicycle"}),
         ("robot", {"robot": {"type": "unicycle", "footprint": FOOTPRINT}}),
-        ("predictor", {"predictor": "var"}),
-        ("predictor", {"predictor": {"type": "imm", "modes": "kept"}}),
         ("region", {"region": "minkowski_sum"}),
         ("static_region", {"static_region": "dual"}),
         ("level", {"level": "risk_allocation"}),
@@ -390,8 +544,19 @@ def test_what_the_library_lacks_is_refused_by_name(name: str, settings: dict[str
     assert all(f"{known}: " in str(error.value) for known in SUPPORTED)
 
 
+@pytest.mark.parametrize("predictor", ["adaptive_conformal", "imm", "corrected", "var"])
+def test_another_predictor_is_refused_with_the_setting_to_write(
+    predictor: str, tmp_path: Path
+) -> None:
+    path = "planners.default.predictor"
+    with pytest.raises(WideberthError, match=f"^{path} is {predictor};") as error:
+        export("crossing", [f"{path}={predictor}"], tmp_path / "c", whole=True)
+    assert str(error.value).endswith(f"--set {path}=kalman")
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_same_planner_gives_the_same_bytes(cases: dict[str, Case]) -> None:
-    case = cases["recommended"]
+    case = cases["crowds"]
     again = bundle(whole_planner(case.planner, "test", machine(NATIVE)))
     assert {"README.md", "manifest.json", "wideberth_planner.h", "loop.c"} <= set(again)
     for name, content in again.items():

@@ -12,8 +12,7 @@ from ....framework.values.errors import WideberthError
 
 SUPPORTED = {
     "robot": "unicycle without a footprint, or another SymbolicDrive with a heading in the plane",
-    "predictor": ("kalman, imm of merged modes, corrected of it without a fit, and "
-                  "adaptive_conformal of any of these"),
+    "predictor": "kalman",
     "region": "mahalanobis_ellipse",
     "static_region": "separating_line, or none",
     "level": "fixed, discounted, relaxed, paper",
@@ -29,17 +28,25 @@ SUPPORTED = {
 _LEVELS = ("fixed", "discounted", "relaxed", "paper")
 
 
-def refuse(planner: PlannerSettings, corners: int) -> SymbolicDrive:
+def refuse(planner: PlannerSettings, corners: int, path: str) -> SymbolicDrive:
     """Refuse a planner of which the C library lacks something; return its robot.
 
     Parameters
     ----------
     planner, corners : what is exported, and vertices of its polygons.
+    path : dotted path of the planner in its config, for messages.
 
     Raises
     ------
-    WideberthError : names every setting that the library lacks, and lists what it has.
+    WideberthError : another predictor than `kalman`, with the setting to write instead; otherwise
+        names every setting that the library lacks, and lists what it has.
     """
+    predictor = _type(planner.predictor)
+    if predictor != "kalman":
+        raise WideberthError(
+            f"{path}.predictor is {predictor}; the exported planner forecasts with kalman: write "
+            f"`predictor: kalman` there, or give --set {path}.predictor=kalman"
+        )
     lacks = [
         f"{name} is {shown(planner)}"
         for name, (here, shown) in _RULES.items()
@@ -56,13 +63,6 @@ def refuse(planner: PlannerSettings, corners: int) -> SymbolicDrive:
     return robot
 
 
-def base_of(predictor: Any) -> Any:
-    """Return the filter behind a predictor, without its calibration."""
-    while _type(predictor) in ("adaptive_conformal", "corrected"):
-        predictor = predictor.base
-    return predictor
-
-
 def _type(plugin: Any) -> str:
     return "" if plugin is None else str(describe(plugin).get("type", type(plugin).__name__))
 
@@ -71,17 +71,6 @@ def _robot_fits(planner: PlannerSettings) -> bool:
     robot = planner.robot
     fits = isinstance(robot, SymbolicDrive) and robot.dimension == 2 and robot.footprint is None
     return fits and robot.pose((0.0,) * len(robot.states)).heading is not None
-
-
-def _predictor_fits(planner: PlannerSettings) -> bool:
-    predictor: Any = planner.predictor
-    if _type(predictor) == "adaptive_conformal":
-        predictor = predictor.base if predictor.state is None else None
-    if _type(predictor) == "corrected":
-        predictor = predictor.base if predictor.fitted is None else None
-    if _type(predictor) == "imm":
-        return bool(predictor.modes == "merged")
-    return _type(predictor) == "kalman" and predictor.backend == "batched"
 
 
 def _of(name: str, *known: str) -> "_Rule":
@@ -102,7 +91,6 @@ def _equal(name: str, value: Any) -> "_Rule":
 _Rule = tuple[Callable[[PlannerSettings], bool], Callable[[PlannerSettings], str]]
 _RULES: dict[str, _Rule] = {
     "robot": (_robot_fits, lambda planner: str(describe(planner.robot))),
-    "predictor": (_predictor_fits, lambda planner: str(describe(planner.predictor))),
     "region": _of("region", "mahalanobis_ellipse"),
     "static_region": _of("static_region", "", "separating_line"),
     "level": _of("level", *_LEVELS),

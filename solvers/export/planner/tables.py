@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import ceil, inf
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -16,19 +16,14 @@ from ....framework.mpc.planner.settings import PlannerSettings
 from ....framework.mpc.planner.starts import NAMES
 from ....framework.mpc.slots.reachability import leaves_out
 from ....framework.mpc.slots.static_polygons import CORNERS
-from ....framework.plugins.config import describe
 from ....framework.robot import SpeedLimited
 from ....framework.tracking.history import MOST
 from ....framework.tracking.perception import FORGET
 from ....framework.values.errors import WideberthError
 from ....framework.values.plan import TOLERANCE
-from ....metrics.episode import SMALLEST
 from ..layout import Define, number
 from ..solver.needs import ExportedSolver
-from .supported import base_of
 
-FILTERED = 40
-"""Newest samples that `imm` goes through; `kalman` states its own number."""
 WALLS, DETECTIONS, PATH_POINTS, NAME = 256, 500, 4096, 48
 """Most walls and detections of an observation, points of a path, and bytes of an identity."""
 RUNG_NAMES = ("OPTIMAL", "FEASIBLE", "SHIFTED", "LEAST", "BRAKE")
@@ -64,48 +59,13 @@ class ExportedPlanner:
                 "lower-case letters, digits and single underscores, a letter first"
             )
 
-    @property
-    def history(self) -> int:
-        """Samples of a track, as `Perception.initial` sets them."""
-        return max(self.planner.history, ceil(FORGET / self.planner.track_dt) + 2)
-
-    @property
-    def samples(self) -> int:
-        """Samples of the tracks that any of the predictors looks at."""
-        late = ceil(2.0 * FORGET / self.planner.track_dt) + 1
-        return min(self.history, self.filtered + late + 2)
-
-    @property
-    def filtered(self) -> int:
-        """Newest samples that the filter goes through."""
-        known = describe(base_of(self.planner.predictor))
-        return min(int(known.get("history", FILTERED)), self.history)
-
-    @property
-    def gap(self) -> float:
-        """Longest bridged time between two measurements, s, as `Perception.initial` sets it."""
-        return 2.5 * max(self.planner.track_dt, self.planner.period)
-
-    @property
-    def conformal(self) -> Any:
-        """The calibration around the filter; None without one."""
-        known: Any = self.planner.predictor
-        return known if describe(known)["type"] == "adaptive_conformal" else None
-
 
 def constants(one: ExportedPlanner) -> list[Define]:
     """Whole numbers of the tables."""
     planner, problem = one.planner, one.solver.native.subject.problem
-    exact, conformal = one.solver.native.exact, one.conformal
-    rate = max(1, ceil(planner.track_dt / planner.period))
-    ahead = ceil((planner.horizon * planner.dt + 2.0 * FORGET) / planner.track_dt) + 2
-    found: list[Define] = [
+    exact = one.solver.native.exact
+    return [
         ("MOST", MOST, "obstacles that are remembered"),
-        ("SAMPLES", one.samples, "of a track"),
-        ("LOG", 2 * rate * (one.samples + ceil(one.gap / planner.track_dt) + 2), "measurements"),
-        ("FILTERED", one.filtered, "samples that a filter goes through"),
-        ("AHEAD", max(ahead, 12 if conformal is None else conformal.steps), "of a forecast"),
-        ("MODELS", len(_matrices(one)[0]), "filters of an obstacle"),
         ("STARTS_AUTO", int(planner.starts == "auto"), ""),
         ("STARTS_COUNT", 0 if planner.starts == "auto" else len(planner.starts), ""),
         ("RUNGS_COUNT", len(planner.fallback.rungs), ""),
@@ -117,31 +77,21 @@ def constants(one: ExportedPlanner) -> list[Define]:
         ("MOST_ROWS", max(_results(exact, f"plan_slot{k}") for k in (0, 1)), ""),
         ("OBSTACLES_USED", planner.most_obstacles, "of each kind, at most"),
         ("LEAVES_OUT", int(leaves_out(planner.level)), "whether what is out of reach has no slot"),
-        ("CONFORMAL", int(conformal is not None), ""),
     ]  # fmt: skip
-    if conformal is not None:
-        found += [
-            ("CONFORMAL_STEPS", conformal.steps, ""),
-            ("CONFORMAL_CLASSES", conformal.classes, ""),
-            ("CONFORMAL_PENDING", ceil(conformal.steps / 0.9), ""),
-            ("CONFORMAL_OBSERVED", conformal.observed, ""),
-        ]
-    return found
 
 
 def numbers(one: ExportedPlanner) -> list[Define]:
     """Other numbers of the tables."""
-    planner, robot, conformal = one.planner, one.planner.robot, one.conformal
-    base: Any = base_of(planner.predictor)
+    planner, robot = one.planner, one.planner.robot
+    kalman: Any = planner.predictor
     shared = planner.level if isinstance(planner.level, SharedLevel) else None
     (body,), end = planner.kinds[0].bodies(robot), EndLimits.of(robot)
     polygons = one.solver.native.subject.problem.slots[1]
-    found: list[Define] = [
+    return [
         ("TRACK_DT", planner.track_dt, "s"),
-        ("GAP", one.gap, "s"),
-        ("KEEP", one.history * planner.track_dt + one.gap, "s"),
-        ("NOISE_FLOOR", base.noise_floor, "m"),
-        ("SPEED_VARIANCE", base.speed**2, "m^2/s^2"),
+        ("ACCELERATION_DENSITY", kalman.acceleration_density, "m^2/s^3"),
+        ("NOISE_FLOOR", kalman.noise_floor, "m"),
+        ("SPEED_VARIANCE", kalman.speed**2, "m^2/s^2"),
         ("SPEED", planner.reference_speed, "m/s"),
         ("OBSTACLE_SPEED", planner.obstacle_speed, "m/s that no obstacle exceeds"),
         ("RADIUS", body.radius, "m"),
@@ -159,9 +109,6 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("LEVEL_WEIGHT", 0.0 if shared is None else shared.weight, ""),
         ("REGULARISATION", polygons.auxiliary.regularisation, ""),
     ]
-    if conformal is not None:
-        found += [("CONFORMAL_TAIL", conformal.tail, ""), ("CONFORMAL_RATE", conformal.rate, "")]
-    return found
 
 
 def arrays(one: ExportedPlanner) -> list[str]:
@@ -177,8 +124,6 @@ def arrays(one: ExportedPlanner) -> list[str]:
         _array("UPPER", limits[1]),
         _words("STARTS", names),
         _words("RUNGS", rungs),
-        *_of_models(one),
-        *_of_conformal(one),
     ]
 
 
@@ -207,44 +152,8 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
         ("PLAN_MAX_SPEED", _fastest(planner), "m/s, of the robot"),
         ("PLAN_FORGET", FORGET, "s after which an obstacle that is not seen is forgotten"),
         ("PLAN_TOLERANCE", TOLERANCE, "of the verification"),
-        ("PLAN_SMALLEST", SMALLEST, "m^2, least eigenvalue of a covariance that is judged"),
     ]
     return sizes, numbers
-
-
-def _matrices(one: ExportedPlanner) -> tuple[Any, ...]:
-    """Transitions, process covariances, switching and start of the models; of a Kalman's axis."""
-    planner, base = one.planner, base_of(one.planner.predictor)
-    known: Any = base
-    if describe(base)["type"] == "kalman":
-        model = known.model(planner.track_dt)
-        return [model.transition], [model.process], np.ones((1, 1)), np.ones(1)
-    bank = known.bank(planner.track_dt, planner.robot.dimension)
-    return bank.transition, bank.process, bank.switching, bank.usual
-
-
-def _of_models(one: ExportedPlanner) -> list[str]:
-    transition, process, switching, usual = _matrices(one)
-    if len(transition) == 1:
-        ((first, both), (_, second)) = process[0]
-        return [_array("PROCESS", [first, both, second])]
-    return [
-        _array("TRANSITION", transition),
-        _array("PROCESS", process),
-        _array("SWITCHING", switching),
-        _array("USUAL", usual),
-    ]
-
-
-def _of_conformal(one: ExportedPlanner) -> list[str]:
-    conformal = one.conformal
-    if conformal is None:
-        return []
-    start = np.reshape(conformal.first(one.planner.track_dt), (-1, conformal.steps))
-    return [
-        _array("CONFORMAL_SPEEDS", conformal.speeds or [inf]),
-        _array("CONFORMAL_START", start),
-    ]
 
 
 def _fastest(planner: PlannerSettings) -> float:

@@ -27,7 +27,7 @@ from wideberth.framework.values.plan import Plan, Rung, Status
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics import comfort as metrics_comfort
 from wideberth.metrics.episode import content_bound
-from wideberth.predictors.adaptive_conformal import AdaptiveConformal, _position
+from wideberth.predictors.adaptive_conformal import AdaptiveConformal, _Looks, _truth
 from wideberth.predictors.conformal import Conformal
 from wideberth.predictors.core.calibration import replayed, squared_distances
 from wideberth.simulation.engine.agents import ReplayAgent
@@ -202,23 +202,32 @@ def test_adaptive_scales_learn_from_their_own_step() -> None:
     assert scales[2] > 1.0 and not appeared.any()
 
 
+def place_at(tracks: Tracks, time: float) -> Array:
+    """Return where the only person was at a time, (2,), m."""
+    none = np.zeros(1, dtype=np.int64)
+    parts = np.zeros((1, 1, 2)), np.zeros((1, 1, 2, 2)), np.ones((1, 1))
+    return _truth(tracks, _Looks(none, np.array([time]), none, none, *parts))[0]
+
+
 def test_truth_between_two_samples_is_on_the_line_between_them() -> None:
     """On a sample, also when a clock misses it by rounding, the one beside it does not count."""
     tracks = seen(6)
     places, newest = tracks.positions[0], tracks.stamp
-    np.testing.assert_allclose(_position(tracks, newest)[0], places[5])
-    np.testing.assert_allclose(
-        _position(tracks, newest - 1.5 * DT)[0], 0.5 * (places[3] + places[4])
-    )
-    quarter = _position(tracks, newest - 2.25 * DT)[0]
+    np.testing.assert_allclose(place_at(tracks, newest), places[5])
+    middle = 0.5 * (places[3] + places[4])
+    np.testing.assert_allclose(place_at(tracks, newest - 1.5 * DT), middle)
+    quarter = place_at(tracks, newest - 2.25 * DT)
     np.testing.assert_allclose(quarter, 0.25 * places[2] + 0.75 * places[3])
     gone = tracks.positions.copy()
-    gone[:, 4] = np.nan
+    gone[:, [1, 2, 4]] = np.nan
     broken = replace(tracks, positions=gone)
     for miss in (-1e-15, 0.0, 1e-15):
-        np.testing.assert_array_equal(_position(broken, newest - 2.0 * DT + miss)[0], places[3])
-    assert np.isnan(_position(broken, newest - 1.5 * DT)).all()
-    assert np.isnan(_position(tracks, newest - 5.5 * DT)).all()
+        np.testing.assert_array_equal(place_at(broken, newest - 2.0 * DT + miss), places[3])
+    # Two steps between measurements are on a line, three are not.
+    middle = 0.25 * places[5] + 0.75 * places[3]
+    np.testing.assert_allclose(place_at(broken, newest - 1.5 * DT), middle)
+    assert np.isnan(place_at(broken, newest - 2.5 * DT)).all()
+    assert np.isnan(place_at(tracks, newest - 5.5 * DT)).all()
 
 
 def test_one_plan_that_touches_is_enough_for_the_episode() -> None:

@@ -28,6 +28,7 @@ enum {
 };
 
 #define FARTHEST 1e9
+#define SAME_TIME 1e-6 /* steps of a track by which two equal times may differ */
 #define PLAN_FORGET WIDEBERTH_PLAN_FORGET
 #define TOLERANCE WIDEBERTH_PLAN_TOLERANCE
 #define PI 3.14159265358979323846
@@ -36,11 +37,16 @@ struct scratch;
 
 /* ---- Tracks: what was measured of whom */
 
+struct belief { /* Kalman state of an obstacle; see planner_forecast.c */
+    double time;                       /* s, of its newest measurement; -INFINITY without one */
+    double state[4], covariance[4][4]; /* position, velocity */
+};
+
 struct log {
     char name[WIDEBERTH_NAME];
-    int count; /* of the measurements, oldest first */
-    double times[PLAN_LOG], places[PLAN_LOG][2];
-    double reported, radius, covariance[4];
+    double place[2];                        /* of the newest measurement */
+    struct belief now, before;              /* with the newest measurement, and without it */
+    double reported, radius, covariance[4]; /* of the last report */
     size_t stem; /* length of the identity that another obstacle had before; 0 where none had */
     int unnamed, claimed;
 };
@@ -54,16 +60,10 @@ struct history {
     char names[PLAN_MOST][WIDEBERTH_NAME];
 };
 
-struct track {
-    const char *name;
-    double radius, noise[4];
-    double places[PLAN_SAMPLES][2]; /* NAN where not observed */
-};
-
 struct tracks {
     int count;
-    double stamp; /* of the newest sample */
-    struct track of[PLAN_MOST];
+    double stamp; /* of the newest measurement of all */
+    const struct log *of[PLAN_MOST]; /* by name */
 };
 
 /* Take note of what is seen; `here` is the robot's place, or NULL. */
@@ -71,47 +71,23 @@ void wb_take(struct history *history, const wideberth_observation *seen, const d
     struct scratch *scratch);
 void wb_tracks(const struct history *history, struct tracks *tracks);
 
-/* ---- Forecast */
-
-struct past { /* of one obstacle, without gaps; see predictors/core/history.py */
-    int length, began, late, samples;
-    double origin[2], places[PLAN_FILTERED][2];
-    int observed[PLAN_FILTERED];
-};
-
-struct forecast {
-    double mean[PLAN_MOST][PLAN_AHEAD][2], covariance[PLAN_MOST][PLAN_AHEAD][4];
-};
-
-#if PLAN_CONFORMAL
-struct pending {
-    double stamp;
-    int count;
-    char names[PLAN_MOST][WIDEBERTH_NAME];
-    int kind[PLAN_MOST];
-    double mean[PLAN_MOST][PLAN_CONFORMAL_STEPS][2];
-    double covariance[PLAN_MOST][PLAN_CONFORMAL_STEPS][4];
-};
-#endif
-
-struct learnt {
-#if PLAN_CONFORMAL
-    int begun, waiting;
-    double stamp, logarithm[PLAN_CONFORMAL_CLASSES][PLAN_CONFORMAL_STEPS];
-    struct pending pending[PLAN_CONFORMAL_PENDING]; /* oldest first */
-#else
-    int nothing;
-#endif
-};
-
-/* Let the predictor learn, then forecast at the plan's steps 1..N; `first` is the time of the
- * plan's first state. */
-void wb_learn(struct learnt *learnt, const struct tracks *tracks, struct scratch *scratch);
-void wb_forecast(const struct learnt *learnt, const struct tracks *tracks, double first,
-    struct forecast *forecast, struct scratch *scratch);
-
 /* Eigenvalues, the larger first, and as columns the vectors of [[a, b], [b, c]]. */
 void wb_axes(const double *matrix, double *values, double *vectors);
+
+/* ---- Forecast */
+
+struct forecast {
+    double mean[PLAN_MOST][N][2], covariance[PLAN_MOST][N][4];
+};
+
+/* Update a belief with a position that was measured later than all others. */
+void wb_filter(struct belief *belief, double time, const double *place, const double *covariance);
+
+/* Forecast at the plan's steps 1..N; `first` is the time of the plan's first state. */
+void wb_forecast(const struct tracks *tracks, double first, struct forecast *forecast);
+
+/* Newest position of an obstacle that was measured at the newest instant of all; else NULL. */
+const double *wb_newest(const struct tracks *tracks, const struct log *log);
 
 /* ---- Motion of the robot, without solving anything */
 
@@ -221,8 +197,6 @@ struct scratch {
     int order[WIDEBERTH_DETECTIONS];
     double away[WIDEBERTH_DETECTIONS], wall_away[WALLS];
     wideberth_detection seen[WIDEBERTH_DETECTIONS];
-    struct past past;
-    struct forecast forecast;
     double place[PLAN_MOST][N][2], spread[PLAN_MOST][N][4];
     struct candidate drivable[ALL_STARTS], ways[ALL_WAYS];
     double way_states[ALL_WAYS][N + 1][NX], way_inputs[ALL_WAYS][N][NU];
@@ -255,7 +229,6 @@ struct wideberth_planner {
     uint64_t build;
     struct path path;
     struct history history;
-    struct learnt learnt;
     struct tracks tracks;
     struct forecast forecast;
     int has_plan;

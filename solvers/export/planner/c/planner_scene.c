@@ -193,16 +193,16 @@ static void travelled(const double *start, double *travel)
 }
 
 /* Give an obstacle the next slot; returns 0 where its numbers are none that a solver takes. */
-static int put(struct instance *instance, const struct track *track, const double (*mean)[2],
+static int put(struct instance *instance, const struct log *log, const double (*mean)[2],
     const double (*covariance)[4])
 {
     const int slot = instance->obstacles++;
     int i;
-    memcpy(instance->names[slot], track->name, WIDEBERTH_NAME);
+    memcpy(instance->names[slot], log->name, WIDEBERTH_NAME);
     for (i = 0; i < N; i++) memcpy(instance->means[i][slot], mean[i], 2 * sizeof(double));
-    instance->radii[slot] = track->radius;
+    instance->radii[slot] = log->radius;
     return wideberth_set(&instance->problem, WIDEBERTH_KIND_OBSTACLE, slot, mean, covariance,
-               fmin(track->radius, WIDE))
+               fmin(log->radius, WIDE))
         == WIDEBERTH_NO_ERROR;
 }
 
@@ -226,10 +226,10 @@ static void choose_obstacles(struct wideberth_planner *planner, const double *he
         }
         if (out_of_reach(instance, (const double (*)[2])place,
                 (const double (*)[4])scratch->spread[k],
-                tracks->of[k].radius + PLAN_ROOM, here, travel))
+                tracks->of[k]->radius + PLAN_ROOM, here, travel))
             continue;
         gaps[count] = clearance(instance, (const double (*)[2])planner->forecast.mean[k],
-            tracks->of[k].radius, here);
+            tracks->of[k]->radius, here);
         near[count++] = k;
     }
     for (k = 0; k < count; k++) {
@@ -239,7 +239,7 @@ static void choose_obstacles(struct wideberth_planner *planner, const double *he
             instance->left_out++;
             continue;
         }
-        if (!put(instance, &tracks->of[near[k]], (const double (*)[2])scratch->place[near[k]],
+        if (!put(instance, tracks->of[near[k]], (const double (*)[2])scratch->place[near[k]],
                 (const double (*)[4])scratch->spread[near[k]]))
             planner->history.placeless++; /* nothing is known of it: the robot stops */
     }

@@ -1,5 +1,5 @@
-/* Histories of obstacles: measurements by identity, laid onto a uniform time grid. What
- * wideberth.framework.tracking does in Python: history, stand_ins, resampling. */
+/* Memory of obstacles by identity: each measurement is filtered when it comes, and not kept. What
+ * wideberth.framework.tracking does in Python: history, names, stand_ins. */
 #include "planner_parts.h"
 
 #include <math.h>
@@ -9,11 +9,20 @@
 #define OLDEST 60.0      /* s; an age beyond it, before or after now, comes from another clock */
 #define UNKNOWN 0.7      /* m, radius of an obstacle of unknown kind */
 #define USUAL 0.03       /* m, deviation of a measurement of which nothing is known */
-#define DENSEST 64       /* measurements per sample of the tracks */
-#define ON_GRID 1e-6     /* steps by which a measurement may miss a grid time */
+#define DENSEST 64       /* measurements per step of a track */
 #define FORGIVEN 1e-9    /* share of the largest entry that is rounding in a covariance */
-#define PACE 1.0         /* m/s, deviation of the velocity of a person who may stand or walk */
 #define VAGUEST 1e6      /* m, largest deviation of a measurement */
+
+void wb_axes(const double *matrix, double *values, double *vectors)
+{
+    const double a = matrix[0], b = 0.5 * (matrix[1] + matrix[2]), c = matrix[3];
+    const double apart = hypot(a - c, 2.0 * b), angle = 0.5 * atan2(2.0 * b, a - c);
+    double cosine = cos(angle), sine = sin(angle);
+    if (b == 0.0) cosine = a >= c ? 1.0 : 0.0, sine = a >= c ? 0.0 : 1.0;
+    values[0] = b == 0.0 ? fmax(a, c) : 0.5 * (a + c + apart);
+    values[1] = b == 0.0 ? fmin(a, c) : 0.5 * (a + c - apart);
+    vectors[0] = cosine, vectors[1] = -sine, vectors[2] = sine, vectors[3] = cosine;
+}
 
 /* Whether four numbers are a covariance, which is then `found`; its asymmetry is averaged out. */
 static int covariance_of(const double *given, double *found)
@@ -144,11 +153,6 @@ static double apart(const double *one, const double *other)
         + (one[1] - other[1]) * (one[1] - other[1]));
 }
 
-static const double *newest(const struct log *log)
-{
-    return log->places[log->count - 1];
-}
-
 /* Whether an identity was ever that of two detections of one observation. */
 static int shared(const struct history *history, const char *name)
 {
@@ -183,7 +187,7 @@ static void number(struct history *history, wideberth_detection *seen, int count
                 const struct log *log = &history->logs[o];
                 const double lag = history->stamp - log->reported;
                 const double reach = CHANGE * fmin(lag, LONGEST) + 6.0 * DEVIATION;
-                const double gap = apart(seen[k].position, newest(log));
+                const double gap = apart(seen[k].position, log->place);
                 if (!log->unnamed || log->claimed || lag > REMEMBERED || !(gap < reach)) continue;
                 if (gap < least) least = gap, best = k, other = o;
             }
@@ -223,9 +227,9 @@ static struct owner owner_of(const struct history *history, const wideberth_dete
         const int further = log->stem == length && strncmp(log->name, one->name, length) == 0;
         double lag, reach, share;
         if (!further && strcmp(log->name, one->name) != 0) continue;
-        lag = fabs(history->stamp - one->age - log->times[log->count - 1]);
+        lag = fabs(history->stamp - one->age - log->now.time);
         reach = LEAP + PLAN_OBSTACLE_SPEED * lag;
-        share = apart(one->position, newest(log)) / reach;
+        share = apart(one->position, log->place) / reach;
         if (!best.log || share < best.share) best.log = log, best.reach = reach, best.share = share;
     }
     return best;
@@ -252,7 +256,7 @@ static int frame_moved(const wideberth_detection *seen, const struct owner *owne
         for (k = known = 0; k < count; k++) {
             if (!owners[k].log) continue;
             if (!(owners[k].share > 1.0)) return 0;
-            values[known++] = seen[k].position[axis] - newest(owners[k].log)[axis];
+            values[known++] = seen[k].position[axis] - owners[k].log->place[axis];
         }
         if (known < 2) return 0;
         moved[axis] = median(values, known);
@@ -261,7 +265,7 @@ static int frame_moved(const wideberth_detection *seen, const struct owner *owne
         double off[2];
         if (!owners[k].log) continue;
         for (axis = 0; axis < 2; axis++)
-            off[axis] = seen[k].position[axis] - newest(owners[k].log)[axis];
+            off[axis] = seen[k].position[axis] - owners[k].log->place[axis];
         if (!(apart(off, moved) <= owners[k].reach)) return 0;
     }
     return 1;
@@ -299,46 +303,17 @@ static void assign(struct history *history, wideberth_detection *seen, int count
     }
 }
 
-/* Leave out the first measurements of a log. */
-static void drop(struct log *log, int first)
+/* Filter a measurement; one of the same time as the newest one takes its place. One that is older
+ * than that is not used: Python inserts it and filters again. */
+static void measured(struct log *log, double time, const double *place, const double *covariance)
 {
-    memmove(log->times, log->times + first, (size_t)(log->count - first) * sizeof(log->times[0]));
-    memmove(
-        log->places, log->places + first, (size_t)(log->count - first) * sizeof(log->places[0]));
-    log->count -= first;
-}
-
-/* Add a measurement at its time; one of the same time as another takes its place. */
-static void measured(struct log *log, double time, const double *place)
-{
-    const double densest = PLAN_TRACK_DT / DENSEST;
-    int count = log->count, first = 0, at = count, end = count;
-    if (count && time < log->times[count - 1]) { /* it came late */
-        at = 0;
-        while (log->times[at] < time) at++;
-        end = at + (log->times[at] - time <= ON_GRID * PLAN_TRACK_DT);
-        if (end == at && (log->times[at] - time < densest
-            || (at && time - log->times[at - 1] < densest)
-            || time < log->times[count - 1] - PLAN_KEEP))
-            return;
-    } else {
-        if (count && (time - log->times[count - 1] <= ON_GRID * PLAN_TRACK_DT
-            || (count > 1 && time - log->times[count - 2] < densest)))
-            at--;
-        while (first < at && log->times[first] < time - PLAN_KEEP) first++;
-    }
-    if (count - (end - at) - first == PLAN_LOG) { /* older than any predictor looks */
-        if (!at) return;
-        first++;
-    }
-    drop(log, first);
-    at -= first, end -= first, count -= first;
-    memmove(log->times + at + 1, log->times + end, (size_t)(count - end) * sizeof(log->times[0]));
-    memmove(
-        log->places + at + 1, log->places + end, (size_t)(count - end) * sizeof(log->places[0]));
-    log->times[at] = time;
-    memcpy(log->places[at], place, 2 * sizeof(double));
-    log->count = count - (end - at) + 1;
+    const double slack = SAME_TIME * PLAN_TRACK_DT, since = time - log->now.time;
+    if (since < -slack) return;
+    if (since > slack && time - log->before.time >= PLAN_TRACK_DT / DENSEST)
+        log->before = log->now;
+    log->now = log->before;
+    wb_filter(&log->now, time, place, covariance);
+    memcpy(log->place, place, sizeof(log->place));
 }
 
 static void removed(struct history *history, int place)
@@ -379,104 +354,24 @@ void wb_take(struct history *history, const wideberth_observation *seen, const d
             memset(log, 0, sizeof(*log));
             memcpy(log->name, one->name, sizeof(log->name));
             log->stem = stems[k], log->unnamed = one->name[0] == '#';
+            log->now.time = log->before.time = -INFINITY;
         }
-        measured(log, seen->stamp - one->age, one->position);
+        measured(log, seen->stamp - one->age, one->position, one->covariance);
         log->reported = seen->stamp, log->radius = one->radius;
         memcpy(log->covariance, one->covariance, sizeof(log->covariance));
     }
     forget(history, seen->stamp);
 }
 
-/* Where an obstacle was at a time; NAN where it was not observed. */
-static void interpolated(const struct log *log, double time, double *place)
-{
-    const double slack = ON_GRID * PLAN_TRACK_DT;
-    int after = 0, before, k;
-    double begin, end, width, since, share;
-    while (after < log->count && log->times[after] < time - slack) after++;
-    if (after > log->count - 1) after = log->count - 1;
-    before = after > 0 ? after - 1 : 0;
-    begin = log->times[before], end = log->times[after], width = end - begin;
-    since = fmin(fmax(time - begin, 0.0), width);
-    share = width > 0.0 ? since / width : 1.0;
-    if (!(time >= log->times[0] - slack && time <= log->times[log->count - 1] + slack)
-        || (width > PLAN_GAP + slack && !(fabs(time - end) <= slack))) {
-        place[0] = place[1] = NAN;
-        return;
-    }
-    for (k = 0; k < 2; k++)
-        place[k] = log->places[before][k] * (1.0 - share) + log->places[after][k] * share;
-}
-
-/* Index of the nearest measurement on the other side of one than `off`; -1 for none. */
-static int across(const struct log *log, int index, double off)
-{
-    const double time = log->times[index], least = 0.5 * PLAN_TRACK_DT;
-    int other = index;
-    double width;
-    if (off > 0.0)
-        while (other >= 0 && !(log->times[other] <= time - least)) other--;
-    else
-        while (other < log->count && !(log->times[other] >= time + least)) other++;
-    if (other < 0 || other == log->count) return -1;
-    width = fabs(log->times[other] - time);
-    return width > 0.0 && width <= PLAN_GAP ? other : -1;
-}
-
-/* Carry a measurement with no other one on the far side of its nearest grid time there, see
- * framework/tracking/resampling.py. */
-static void beside_grid(const struct log *log, double newest_time, struct track *track)
-{
-    int nearest_of[PLAN_SAMPLES], g, k;
-    double missed = 0.0;
-    for (g = 0; g < PLAN_SAMPLES; g++) nearest_of[g] = -1;
-    for (k = 0; k < log->count; k++) {
-        const double cell = rint((log->times[k] - newest_time) / PLAN_TRACK_DT) + PLAN_SAMPLES - 1;
-        double grid;
-        if (!(cell >= 0.0)) continue;
-        g = (int)cell;
-        grid = newest_time - PLAN_TRACK_DT * (PLAN_SAMPLES - 1 - g);
-        if (!isnan(track->places[g][0])) continue;
-        if (nearest_of[g] < 0
-            || fabs(log->times[k] - grid) < fabs(log->times[nearest_of[g]] - grid))
-            nearest_of[g] = k;
-    }
-    for (g = 0; g < PLAN_SAMPLES; g++) {
-        const double grid = newest_time - PLAN_TRACK_DT * (PLAN_SAMPLES - 1 - g);
-        double off, share;
-        int other, axis;
-        if (!isnan(track->places[g][0])) missed = 0.0;
-        if (nearest_of[g] < 0) continue;
-        k = nearest_of[g], off = grid - log->times[k], other = across(log, k, off);
-        share = other < 0 ? 0.0 : off / (log->times[k] - log->times[other]);
-        missed = other < 0 ? fabs(off) : 0.0;
-        for (axis = 0; axis < 2; axis++)
-            track->places[g][axis] = log->places[k][axis]
-                + share * (log->places[k][axis] - log->places[other < 0 ? k : other][axis]);
-    }
-    track->noise[0] += (PACE * missed) * (PACE * missed);
-    track->noise[3] += (PACE * missed) * (PACE * missed);
-}
-
 void wb_tracks(const struct history *history, struct tracks *tracks)
 {
-    const struct log *order[2 * PLAN_MOST];
-    int k, place, g;
+    int k, place;
     tracks->count = history->count, tracks->stamp = -INFINITY;
     for (k = 0; k < history->count; k++) {
         const struct log *log = &history->logs[k];
-        for (place = k; place > 0 && strcmp(order[place - 1]->name, log->name) > 0; place--)
-            order[place] = order[place - 1];
-        order[place] = log;
-        tracks->stamp = fmax(tracks->stamp, log->times[log->count - 1]);
-    }
-    for (k = 0; k < tracks->count; k++) {
-        struct track *track = &tracks->of[k];
-        track->name = order[k]->name, track->radius = order[k]->radius;
-        memcpy(track->noise, order[k]->covariance, sizeof(track->noise));
-        for (g = 0; g < PLAN_SAMPLES; g++)
-            interpolated(order[k], tracks->stamp - PLAN_TRACK_DT * (PLAN_SAMPLES - 1 - g),
-                track->places[g]);
-        beside_grid(order[k], tracks->stamp, track);
+        for (place = k; place > 0 && strcmp(tracks->of[place - 1]->name, log->name) > 0; place--)
+            tracks->of[place] = tracks->of[place - 1];
+        tracks->of[place] = log;
+        tracks->stamp = fmax(tracks->stamp, log->now.time);
     }
 }

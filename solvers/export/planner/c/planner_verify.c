@@ -289,13 +289,13 @@ void wb_pressed(const struct instance *instance, const struct point *point, stru
 /* Where an obstacle is expected as the plan begins. */
 static void expected(const struct wideberth_planner *planner, int k, double lag, double *place)
 {
-    const double *newest = planner->tracks.of[k].places[PLAN_SAMPLES - 1];
+    const double *newest = wb_newest(&planner->tracks, planner->tracks.of[k]);
     const double (*mean)[2] = (const double (*)[2])planner->forecast.mean[k];
     const double share = fmin(fmax(lag / (lag + WIDEBERTH_DT), 0.0), 1.0);
     int r;
     for (r = 0; r < 2; r++)
-        place[r] = isfinite(newest[0]) ? (1.0 - share) * newest[r] + share * mean[0][r]
-                                       : 2.0 * mean[0][r] - mean[N > 1][r];
+        place[r] = newest ? (1.0 - share) * newest[r] + share * mean[0][r]
+                          : 2.0 * mean[0][r] - mean[N > 1][r];
 }
 
 void wb_contact(struct wideberth_planner *planner, const wideberth_observation *seen,
@@ -312,10 +312,10 @@ void wb_contact(struct wideberth_planner *planner, const wideberth_observation *
         double place[2], x, y;
         expected(planner, k, lag, place);
         x = place[0] - pose[0], y = place[1] - pose[1];
-        if (!(PLAN_RADIUS + planner->tracks.of[k].radius - sqrt(x * x + y * y) >= -TOUCHING))
+        if (!(PLAN_RADIUS + planner->tracks.of[k]->radius - sqrt(x * x + y * y) >= -TOUCHING))
             continue;
         memcpy(contact->places[contact->count], place, sizeof(place));
-        contact->radii[contact->count++] = planner->tracks.of[k].radius;
+        contact->radii[contact->count++] = planner->tracks.of[k]->radius;
     }
     contact->there = contact->count > 0 || contact->placeless > 0;
     if (!contact->there) return;

@@ -73,7 +73,6 @@ void wideberth_planner_reset(wideberth_planner *planner)
     planner->history.count = planner->history.placeless = 0;
     planner->history.shared = planner->history.born = 0;
     planner->history.stamp = -INFINITY;
-    memset(&planner->learnt, 0, sizeof(planner->learnt));
     planner->has_plan = planner->kept.known = planner->obstacle_in_way = 0;
     memset(planner->path.progress, 0, sizeof(planner->path.progress));
     planner->path.there = 0;
@@ -262,9 +261,7 @@ static int planned(wideberth_planner *planner, const wideberth_observation *seen
     wb_pose(start, pose);
     arc = wb_advanced(&planner->path, pose);
     wb_tracks(&planner->history, &planner->tracks);
-    wb_learn(&planner->learnt, &planner->tracks, &planner->scratch);
-    wb_forecast(&planner->learnt, &planner->tracks, seen->stamp, &planner->forecast,
-        &planner->scratch);
+    wb_forecast(&planner->tracks, seen->stamp, &planner->forecast);
     if (planner->has_plan && isnan(planner->plan_stamp)) /* it cannot be continued */
         return braked(planner, seen, WIDEBERTH_PLAN_NUMBERS, decision);
     wb_fill(planner, seen, start, arc, first);

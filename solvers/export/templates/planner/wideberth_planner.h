@@ -3,12 +3,12 @@
  *   cc -O2 loop.c wideberth_planner.c planner_*.c wideberth_solver.c libwideberth.a -lm
  *
  * Give it wideberth_planner_size() bytes, a path, and each period what is seen: it answers with the
- * command of Python's planner. It forecasts obstacles, chooses those that get a slot, solves from
- * several starts, verifies, and falls back where no plan is found. After wideberth_planner_begin it
- * allocates nothing; a decision takes a bounded number of operations. Two planners share nothing and
- * may decide in two threads at once; one planner is called by one thread at a time. SI units and
- * radians, one frame for state, path, obstacles and walls. Made by wideberth; edit the config, not
- * this file.
+ * command of Python's planner. It forecasts obstacles with a Kalman filter, chooses those that get a
+ * slot, solves from several starts, verifies, and falls back where no plan is found. After
+ * wideberth_planner_begin it allocates nothing; a decision takes a bounded number of operations. Two
+ * planners share nothing and may decide in two threads at once; one planner is called by one thread
+ * at a time. SI units and radians, one frame for state, path, obstacles and walls. Made by
+ * wideberth; edit the config, not this file.
  */
 #ifndef WIDEBERTH_PLANNER_H
 #define WIDEBERTH_PLANNER_H
@@ -54,7 +54,8 @@ typedef struct {
     double position[2];        /* m */
     double covariance[4];      /* m^2, of the measured position, row by row */
     double radius;             /* m, of the disc that encloses it */
-    double age;                /* s, how long ago it was measured */
+    double age;                /* s, how long ago it was measured; what is older than the newest
+                                * measurement of this name is a report alone: the place is not used */
 } wideberth_detection;
 
 typedef struct {
