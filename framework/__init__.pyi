@@ -50,6 +50,8 @@ from .plugins.registry import load as load
 from .plugins.registry import names as names
 from .plugins.registry import register as register
 from .predictor import Adaptive as Adaptive
+from .predictor import AdaptiveFiltering as AdaptiveFiltering
+from .predictor import Filtering as Filtering
 from .predictor import Fittable as Fittable
 from .predictor import Predictor as Predictor
 from .region import Auxiliary as Auxiliary
@@ -95,6 +97,7 @@ from .tracking.windows import windows_of as windows_of
 from .values.arrays import Array as Array
 from .values.arrays import BoolArray as BoolArray
 from .values.arrays import Scalar as Scalar
+from .values.beliefs import Beliefs as Beliefs
 from .values.costmap import Costmap as Costmap
 from .values.coverage import Coverage as Coverage
 from .values.coverage import Event as Event
@@ -105,6 +108,7 @@ from .values.forecast import Forecast as Forecast
 from .values.forecast import GaussianObstacle as GaussianObstacle
 from .values.forecast import LIGHT as LIGHT
 from .values.forecast import Scene as Scene
+from .values.measurements import Measurements as Measurements
 from .values.motion import Command as Command
 from .values.motion import Detection as Detection
 from .values.motion import Observation as Observation
@@ -126,4 +130,4 @@ from .values.walls import box as box
 from .values.walls import walls_around as walls_around
 from .values.walls import walls_of_segments as walls_of_segments
 from .values.walls import walls_of_shapes as walls_of_shapes
-__all__ = ['Adaptive', 'Array', 'Auxiliary', 'Body', 'BodyPath', 'BoolArray', 'Bounds', 'Calibration', 'Command', 'Constraint', 'Controller', 'Cost', 'Costmap', 'Coverage', 'Detection', 'Detector', 'Discs', 'DrivesRobot', 'Event', 'FallbackRung', 'Fittable', 'Forecast', 'Frame', 'GaussianObstacle', 'Guarantee', 'Identities', 'InertialSample', 'KnownObstacles', 'LIGHT', 'LevelPolicy', 'LevelledKind', 'MomentCalibration', 'NotHeld', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'PlanningContext', 'Polygon', 'Pose', 'Predictor', 'Promise', 'Quantity', 'Region', 'Relation', 'Robot', 'Route', 'RoutePlanner', 'Scalar', 'Scan', 'Scene', 'Sightings', 'SlotAssignment', 'SlotKind', 'SlotNumbers', 'SlotSizes', 'Slots', 'Solver', 'StateEstimator', 'StaticRegion', 'Status', 'Touch', 'Tracker', 'Tracks', 'Twist', 'WheelSample', 'WideberthError', 'Windows', 'active_slots', 'best_direction', 'bodies', 'body_starts', 'box', 'build', 'check_calibration', 'check_controller', 'check_cost', 'check_detector', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_state_estimator', 'check_static_region', 'check_tracker', 'collision_probability', 'cut_windows', 'describe', 'deviations', 'fewest_ranks', 'largest', 'level_of', 'load', 'load_plugin', 'moments', 'names', 'next_capacity', 'on_time', 'rank_quantile', 'read_config', 'read_forecasts', 'read_jrdb', 'read_thor_magni', 'read_tracks', 'read_trajdata', 'recommended', 'refuse_misfits', 'register', 'resampled_tracks', 'save_plugin', 'separation', 'slots_of', 'solve_many', 'steer', 'walls_around', 'walls_of_segments', 'walls_of_shapes', 'windows_of', 'write_forecasts']
+__all__ = ['Adaptive', 'AdaptiveFiltering', 'Array', 'Auxiliary', 'Beliefs', 'Body', 'BodyPath', 'BoolArray', 'Bounds', 'Calibration', 'Command', 'Constraint', 'Controller', 'Cost', 'Costmap', 'Coverage', 'Detection', 'Detector', 'Discs', 'DrivesRobot', 'Event', 'FallbackRung', 'Filtering', 'Fittable', 'Forecast', 'Frame', 'GaussianObstacle', 'Guarantee', 'Identities', 'InertialSample', 'KnownObstacles', 'LIGHT', 'LevelPolicy', 'LevelledKind', 'Measurements', 'MomentCalibration', 'NotHeld', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'PlanningContext', 'Polygon', 'Pose', 'Predictor', 'Promise', 'Quantity', 'Region', 'Relation', 'Robot', 'Route', 'RoutePlanner', 'Scalar', 'Scan', 'Scene', 'Sightings', 'SlotAssignment', 'SlotKind', 'SlotNumbers', 'SlotSizes', 'Slots', 'Solver', 'StateEstimator', 'StaticRegion', 'Status', 'Touch', 'Tracker', 'Tracks', 'Twist', 'WheelSample', 'WideberthError', 'Windows', 'active_slots', 'best_direction', 'bodies', 'body_starts', 'box', 'build', 'check_calibration', 'check_controller', 'check_cost', 'check_detector', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_state_estimator', 'check_static_region', 'check_tracker', 'collision_probability', 'cut_windows', 'describe', 'deviations', 'fewest_ranks', 'largest', 'level_of', 'load', 'load_plugin', 'moments', 'names', 'next_capacity', 'on_time', 'rank_quantile', 'read_config', 'read_forecasts', 'read_jrdb', 'read_thor_magni', 'read_tracks', 'read_trajdata', 'recommended', 'refuse_misfits', 'register', 'resampled_tracks', 'save_plugin', 'separation', 'slots_of', 'solve_many', 'steer', 'walls_around', 'walls_of_segments', 'walls_of_shapes', 'windows_of', 'write_forecasts']

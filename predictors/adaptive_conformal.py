@@ -380,11 +380,11 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
         with np.errstate(over="ignore"):  # after leaps of the clock
             elapsed = (newest - stamps[:, None] + _slack(tracks)) / state.dt
         known = np.minimum(np.maximum(elapsed, 0.0), self.steps).astype(np.int64)
-        place, everybody = None, np.arange(len(tracks))
+        place, every = None, np.arange(len(tracks))
         pending: list[Pending] = []
         looks: list[tuple[Pending, IntArray, IntArray, IntArray]] = []
         for one, due in zip(state.pending, known, strict=True):
-            rows = everybody
+            rows = every
             if one.ids != tracks.ids:
                 place = place or {ident: row for row, ident in enumerate(tracks.ids)}
                 rows = np.array([place.get(ident, -1) for ident in one.ids], dtype=np.int64)

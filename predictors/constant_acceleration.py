@@ -12,7 +12,7 @@ from ..framework.values.arrays import Array, positive
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.kalman_filter import Motion, Start, Step, filtered, forecast
+from .core.kalman_filter import ModeStep, Motion, Start, filtered, forecast
 from .core.pattern_search import fit_numbers
 from .kalman import tracked_of
 
@@ -112,10 +112,10 @@ class DecayingAcceleration(Motion):
         """See `Motion.usual`."""
         return (1.0,)
 
-    def step(self, times: Array) -> Step:
+    def step(self, times: Array) -> ModeStep:
         """See `Motion.step`."""
         transition, process = singer(times, self.acceleration, self.time_constant)
-        return Step(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
+        return ModeStep(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
 
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -134,7 +134,7 @@ def singer(times: Array, acceleration: float, time_constant: float) -> tuple[Arr
     """
     effect = _effect(0.5 * times * (NODES[:, None] + 1.0), time_constant)
     density = acceleration**2 / time_constant
-    process = density * times * np.einsum("anl,n,bnl->abl", effect, WEIGHTS, effect)
+    process = density * times * np.einsum("inl,n,jnl->ijl", effect, WEIGHTS, effect)
     transition = np.zeros((3, 3, len(times)))
     transition[0, 0] = transition[1, 1] = 1.0
     transition[0, 1] = times

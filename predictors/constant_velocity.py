@@ -1,18 +1,17 @@
 """Obstacles that keep the velocity they had on average over their last steps."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
 
 from ..framework.predictor import Predictor
-from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.arrays import Array, altered, positive, whole
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.assembly import Gaussians, finish
 from .core.history import LONGEST_GAP, NOISE_FLOOR, Histories, gather, measurement_noise
-from .core.propagation import after, step_covariances, step_joint, white_acceleration
+from .core.kalman_filter import ModeStates, Start, forecast
+from .kalman import DriftingVelocity
 
 
 @final
@@ -71,22 +70,23 @@ class ConstantVelocity(Predictor):
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=self.window + LONGEST_GAP + 1)
         noise = measurement_noise(tracks, NOISE_FLOOR)
-        velocity, start = self._start(past, noise, tracks)
-        size = tracks.dimension
-        model = white_acceleration(tracks.dt, self.acceleration_density, size)
-        ahead = steps + int(past.late.max(initial=0))
-        times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
-        mean = past.origin[:, None] + times[..., None] * velocity[:, None]
-        covariance = after(step_covariances(*model, start, size, ahead), steps, past.late)
-        tracked = tracks.velocity is not None
+        velocity, covariance = self._start(past, noise, tracks)
+        state = np.stack([np.zeros_like(velocity), velocity])
+        count, size = velocity.shape
+        blocks = covariance.reshape(count, 2, size, 2, size).transpose(1, 2, 3, 4, 0)
+        weight = np.ones((1, count))
+        modes = ModeStates(weight, state.transpose(0, 2, 1)[:, :, None], blocks[..., None, :])
+        start = Start(modes, past.origin.T, past.late, np.asarray(past.samples == 0))
+        motion = DriftingVelocity(self.acceleration_density, self.speed)
+        own = forecast(start, motion, tracks, steps, "constant_velocity")
+        if tracks.velocity is not None:
+            return own
+        single = "constant_velocity: 1 sample, needs 2"
         reasons = tuple(
-            "constant_velocity: 1 sample, needs 2" if count == 1 and not tracked else None
-            for count in past.samples
+            single if samples == 1 else reason
+            for samples, reason in zip(past.samples, own.fallback, strict=True)
         )
-        joint = partial(step_joint, *model, start, size, steps, past.late)
-        return finish(
-            Gaussians(mean, covariance, reasons, joint), past, tracks, "constant_velocity"
-        )
+        return altered(own, fallback=reasons)
 
     def _start(self, past: Histories, noise: Array, tracks: Tracks) -> tuple[Array, Array]:
         """Velocity, (O, D), and covariance of (position, velocity), (O, 2D, 2D)."""

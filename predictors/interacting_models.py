@@ -16,7 +16,7 @@ from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .constant_acceleration import singer
-from .core.kalman_filter import Motion, Start, Step, filtered, forecast
+from .core.kalman_filter import ModeStep, Motion, Start, filtered, forecast
 from .core.pattern_search import fit_numbers
 from .core.propagation import white_steps
 
@@ -189,7 +189,7 @@ class SwitchingMotion(Motion):
         moves = 0.5 / (1.0 + self.stopping)
         return (moves, moves, 2.0 * self.stopping * moves)
 
-    def step(self, times: Array) -> Step:
+    def step(self, times: Array) -> ModeStep:
         """See `Motion.step`."""
         lower, process = singer(times, *self.rest)
         axes = [white_steps(times, density) for density in self.densities]
@@ -199,7 +199,7 @@ class SwitchingMotion(Motion):
         switches = np.array([[-1.0, moving, stop], [moving, -1.0, stop], [0.5, 0.5, -1.0]])
         left = -np.expm1(-times / self.dwell)
         switching = np.eye(len(axes))[:, :, None] + left * switches[:, :, None]
-        return Step(transition, process, switching)
+        return ModeStep(transition, process, switching)
 
 
 @dataclass(frozen=True)
@@ -224,8 +224,8 @@ class KeptModel(Motion):
         """See `Motion.usual`."""
         return (1.0,)
 
-    def step(self, times: Array) -> Step:
+    def step(self, times: Array) -> ModeStep:
         """See `Motion.step`."""
         every, own = self.motion.step(times), slice(self.mode, self.mode + 1)
         alone = np.ones((1, 1, len(times)))
-        return Step(every.transition[:, :, own], every.process[:, :, own], alone)
+        return ModeStep(every.transition[:, :, own], every.process[:, :, own], alone)

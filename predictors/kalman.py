@@ -13,7 +13,7 @@ from ..framework.values.arrays import Array, BoolArray, checked_choice, positive
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.kalman_filter import PAUSE, Motion, Start, Step, filtered, floored, forecast
+from .core.kalman_filter import PAUSE, ModeStep, Motion, Start, filtered, floored, forecast
 from .core.pattern_search import fit_numbers
 from .core.propagation import white_steps
 
@@ -94,8 +94,8 @@ class Kalman(Filtering, Fittable):
         return forecast(start, self._motion, tracks, steps, "kalman")
 
     @cached_property
-    def _motion(self) -> "WhiteAcceleration":
-        return WhiteAcceleration(self.acceleration_density, self.speed)
+    def _motion(self) -> "DriftingVelocity":
+        return DriftingVelocity(self.acceleration_density, self.speed)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy with both numbers scaled by `fit_numbers`; see `Fittable.fit`."""
@@ -103,7 +103,7 @@ class Kalman(Filtering, Fittable):
 
 
 @dataclass(frozen=True)
-class WhiteAcceleration(Motion):
+class DriftingVelocity(Motion):
     """Position and velocity under white acceleration, a single mode; see `white_steps`.
 
     Parameters
@@ -124,10 +124,10 @@ class WhiteAcceleration(Motion):
         """See `Motion.usual`."""
         return (1.0,)
 
-    def step(self, times: Array) -> Step:
+    def step(self, times: Array) -> ModeStep:
         """See `Motion.step`."""
         transition, process = white_steps(times, self.density)
-        return Step(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
+        return ModeStep(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
 
 
 def tracked_of(beliefs: Beliefs, tracks: Tracks) -> BoolArray | None:

@@ -18,7 +18,7 @@ from .core.assembly import Gaussians, with_fallback
 from .core.history import NOISE_FLOOR, gather, measurement_noise
 from .core.kalman_filter import filtered
 from .core.straight_stretch import LONGEST_STRETCH, since_jump
-from .kalman import Kalman, WhiteAcceleration
+from .kalman import DriftingVelocity, Kalman
 
 GOLDEN = 0.6180339887498949
 """Share of all directions from one mode to the next: any number of modes is spread evenly."""
@@ -36,7 +36,7 @@ STROLL = 0.3
 """m/s; who is slower has no direction that could change."""
 SLOWEST = 1e-6
 """m/s, keeps divisions by the speed of an obstacle that stands finite."""
-WALK = WhiteAcceleration(density=0.02, speed=2.0)
+WALK = DriftingVelocity(density=0.02, speed=2.0)
 """How people walk between turns, and what is known of them at first."""
 UNREST = 0.4
 """m/s, standard deviation that the velocity has in addition at a jump, and no more after

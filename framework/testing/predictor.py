@@ -350,7 +350,9 @@ class _Sighted(_World):
         newest = tracks.select(both)
         less = newest.measured.part([slice(-1)] * len(both))
         self._compare(replace(newest, sightings=less), beliefs, "the newest measurement is gone")
-        self._compare(early, self._filtered(tracks.select([]), beliefs), "after nobody")
+        self._compare(
+            early, self._filtered(tracks.select([]), beliefs), "after a gap without obstacles"
+        )
 
     @law("sightings on the grid are the grid", Filtering, "it does not filter")
     def check_grid(self) -> None:

@@ -34,7 +34,7 @@ PAUSE = LONGEST_GAP + 1 + 1e-6
 """Steps of the tracks; after a longer pause between two measurements a filter begins anew."""
 
 
-class Step(NamedTuple):
+class ModeStep(NamedTuple):
     """How modes move in given times, one for each of L obstacles, or L = 1 for all of them.
 
     Attributes
@@ -57,7 +57,7 @@ class Motion(ABC):
         """Variances of velocity, ... along an axis at the first measurement; their mean is 0."""
 
     @abstractmethod
-    def step(self, times: Array) -> Step:
+    def step(self, times: Array) -> ModeStep:
         """Return how the modes move in times (L,), s."""
 
     @property
@@ -66,7 +66,7 @@ class Motion(ABC):
         """Probability of each mode in the long run, (M,)."""
 
 
-class Modes(NamedTuple):
+class ModeStates(NamedTuple):
     """State of each obstacle under each mode, relative to an origin of its own.
 
     Attributes
@@ -80,23 +80,23 @@ class Modes(NamedTuple):
     state: Array
     covariance: Array
 
-    def at(self, rows: IntArray) -> "Modes":
+    def at(self, rows: IntArray) -> "ModeStates":
         """Return those of some obstacles, in increasing order."""
         if len(rows) == self.weight.shape[-1]:
             return self
-        return Modes(*(np.take(part, rows, axis=-1) for part in self))
+        return ModeStates(*(np.take(part, rows, axis=-1) for part in self))
 
-    def replaced(self, rows: IntArray, part: "Modes") -> "Modes":
+    def replaced(self, rows: IntArray, part: "ModeStates") -> "ModeStates":
         """Return them with those of some obstacles, in increasing order, replaced."""
         if len(rows) == self.weight.shape[-1]:
             return part
-        copy = Modes(*(whole.copy() for whole in self))
+        copy = ModeStates(*(whole.copy() for whole in self))
         for whole, own in zip(copy, part, strict=True):
             whole[..., rows] = own
         return copy
 
 
-def mixed(modes: Modes, switching: Array) -> Modes:
+def mixed(modes: ModeStates, switching: Array) -> ModeStates:
     """Return the modes just before the next step, by the mode that will be in force.
 
     c_j = sum_i pi_ij mu_i,   omega_ij = pi_ij mu_i / c_j,
@@ -111,10 +111,10 @@ def mixed(modes: Modes, switching: Array) -> Modes:
     gap = modes.state[:, :, :, None] - state[:, :, None]
     covariance = np.einsum("ijo,sdteio->sdtejo", share, modes.covariance)
     covariance += np.einsum("sdijo,teijo->sdtejo", share * gap, gap)
-    return Modes(weight, state, covariance)
+    return ModeStates(weight, state, covariance)
 
 
-def moved(modes: Modes, step: Step) -> Modes:
+def moved(modes: ModeStates, step: ModeStep) -> ModeStates:
     """Return the modes one step on: mixed, then predicted by each mode, f x and f P f' + q."""
     weight, state, covariance = mixed(modes, step.switching)
     f = step.transition
@@ -123,10 +123,10 @@ def moved(modes: Modes, step: Step) -> Modes:
     spread = np.einsum("adtemo,btmo->adbemo", half, f)
     for axis in range(state.shape[1]):
         spread[:, axis, :, axis] += step.process
-    return Modes(weight, ahead, spread)
+    return ModeStates(weight, ahead, spread)
 
 
-def updated(modes: Modes, place: Array, whitening: Array) -> Modes:
+def updated(modes: ModeStates, place: Array, whitening: Array) -> ModeStates:
     """Return the modes after one measured position, mu_j = c_j Lambda_j / sum of them.
 
     With W' W = R^-1 the D numbers W z have independent errors of variance 1, and are taken one
@@ -156,12 +156,12 @@ def updated(modes: Modes, place: Array, whitening: Array) -> Modes:
         covariance = kept - rest[:, :, None, None] * gain
         evidence -= 0.5 * (np.log(total) + gap**2 / total)
     if len(evidence) == 1:
-        return Modes(modes.weight, state, covariance)
+        return ModeStates(modes.weight, state, covariance)
     # No mode becomes impossible: one that weighs nothing at all could never come back, and
     # after steps much longer than the dwell time nothing would lead to the others.
     logarithm = np.log(modes.weight) + evidence
     weight = np.exp(np.maximum(logarithm - logarithm.max(axis=0), FAINTEST))
-    return Modes(weight / weight.sum(axis=0), state, covariance)
+    return ModeStates(weight / weight.sum(axis=0), state, covariance)
 
 
 def whitened(noise: Array) -> Array:
@@ -271,14 +271,14 @@ def in_steps(lag: Array, dt: float) -> Iterator[tuple[IntArray, Array]]:
         yield rows, times[rows]
 
 
-def carried(modes: Modes, motion: Motion, lag: Array, dt: float) -> Modes:
+def carried(modes: ModeStates, motion: Motion, lag: Array, dt: float) -> ModeStates:
     """Return the modes after times (O,) > 0, s, in steps of nearly ``dt`` s."""
     for rows, times in in_steps(lag, dt):
         modes = modes.replaced(rows, moved(modes.at(rows), _step(motion, times)))
     return modes
 
 
-def _step(motion: Motion, times: Array) -> Step:
+def _step(motion: Motion, times: Array) -> ModeStep:
     """Return the step of each time; one for all where they are the same."""
     if (times == times[0]).all():
         return _same_step(motion, float(times[0]))
@@ -286,7 +286,7 @@ def _step(motion: Motion, times: Array) -> Step:
 
 
 @lru_cache(maxsize=64)
-def _same_step(motion: Motion, time: float) -> Step:
+def _same_step(motion: Motion, time: float) -> ModeStep:
     return motion.step(np.array([time]))
 
 
@@ -309,7 +309,7 @@ def filtered(tracks: Tracks, before: Beliefs | None, motion: Motion, floor: floa
     first, newest, count, values = (before or Beliefs.none()).resumed(sightings, shapes)
     if before is not None and values is before.values:
         return before
-    modes, origin = Modes(*values[:3]), values[3]
+    modes, origin = ModeStates(*values[:3]), values[3]
     modes.weight[:, count == 0] = np.array(motion.usual)[:, None]
     for each in rounds(sightings, first, newest, PAUSE * tracks.dt):
         fresh = np.isinf(each.lag)
@@ -328,7 +328,7 @@ def filtered(tracks: Tracks, before: Beliefs | None, motion: Motion, floor: floa
     return Beliefs(sightings.log, newest, count, (*modes, origin))
 
 
-def _begun(new: Round, motion: Motion, floor: float) -> Modes:
+def _begun(new: Round, motion: Motion, floor: float) -> ModeStates:
     """Return the modes after the first measurement of obstacles."""
     noise, start, number = floored(new.noise, floor), motion.start, len(motion.usual)
     count, size = new.place.shape
@@ -338,10 +338,10 @@ def _begun(new: Round, motion: Motion, floor: float) -> Modes:
     for component, variance in enumerate(start, 1):
         covariance[component, range(size), component, range(size)] = variance
     weight = np.repeat(np.array(motion.usual)[:, None], count, axis=1)
-    return Modes(weight, np.zeros((*body, number, count)), covariance)
+    return ModeStates(weight, np.zeros((*body, number, count)), covariance)
 
 
-class Readings(NamedTuple):
+class ModeReadings(NamedTuple):
     """Moments of the position at steps ahead, from the state and the mode now.
 
     A position along an axis is a' s + noise, with a that depends on the modes to come.
@@ -358,14 +358,14 @@ class Readings(NamedTuple):
     noise: Array
 
 
-def readings_ahead(motion: Motion, dt: float, steps: int) -> Readings:
+def readings_ahead(motion: Motion, dt: float, steps: int) -> ModeReadings:
     """Return `readings` for so many steps, from a table that is kept for the next call."""
     table = readings(motion, dt, BLOCK * -(-steps // BLOCK))
-    return Readings(*(part[:steps] for part in table))
+    return ModeReadings(*(part[:steps] for part in table))
 
 
 @lru_cache(maxsize=32)
-def readings(motion: Motion, dt: float, steps: int) -> Readings:
+def readings(motion: Motion, dt: float, steps: int) -> ModeReadings:
     """Return them for the steps dt, 2 dt, ..., by going back from the last one.
 
     r_h(i) = sum_j pi_ij f_j' r_{h-1}(j),   d_ij = f_j' r_{h-1}(j) - r_h(i)
@@ -390,11 +390,11 @@ def readings(motion: Motion, dt: float, steps: int) -> Readings:
         made.append((mean, spread, noise))
     if not made:
         empty = np.empty((0, modes, components))
-        return Readings(empty, empty[..., None] * np.zeros(components), empty[..., 0])
-    return Readings(*(np.stack(part) for part in zip(*made, strict=True)))
+        return ModeReadings(empty, empty[..., None] * np.zeros(components), empty[..., 0])
+    return ModeReadings(*(np.stack(part) for part in zip(*made, strict=True)))
 
 
-def moments_ahead(modes: Modes, reads: Readings) -> tuple[Array, Array]:
+def moments_ahead(modes: ModeStates, reads: ModeReadings) -> tuple[Array, Array]:
     """Mean (N, D, O), m, and covariance (N, D, D, O), m^2, of the position at each step.
 
     With m_j the mean under mode j and m the mean of all,
@@ -429,7 +429,7 @@ class Start:
     unseen : (O,), those without a measurement.
     """
 
-    modes: Modes
+    modes: ModeStates
     origin: Array
     late: IntArray
     unseen: BoolArray
@@ -446,10 +446,10 @@ class Start:
         tracks : of the obstacles.
         motion : of the modes.
         tracked : (O,), whose position, velocity and covariances are those of the tracker; None for
-            nobody. A tracker states them at the newest observed row.
+                    none. A tracker states them at the newest observed row.
         """
         *parts, origin = beliefs.values
-        modes, lag = Modes(*parts), tracks.lag
+        modes, lag = ModeStates(*parts), tracks.lag
         if tracked is not None and tracked.any():
             rows = np.flatnonzero(tracked)
             newest = gather(tracks, length=1)
@@ -464,7 +464,7 @@ class Start:
         return cls(modes, origin, late, np.asarray(beliefs.count == 0))
 
 
-def _tracked(modes: Modes, tracks: Tracks, rows: IntArray) -> Modes:
+def _tracked(modes: ModeStates, tracks: Tracks, rows: IntArray) -> ModeStates:
     """Return modes with the tracker's numbers for some obstacles, about their newest position."""
     joint, velocity = tracks.state_covariance, tracks.velocity
     assert joint is not None
@@ -476,7 +476,7 @@ def _tracked(modes: Modes, tracks: Tracks, rows: IntArray) -> Modes:
     covariance[:2, :, 2:], covariance[2:, :, :2] = 0.0, 0.0
     blocks = joint[rows].reshape(count, 2, size, 2, size).transpose(1, 2, 3, 4, 0)
     covariance[:2, :, :2] = blocks[..., None, :]
-    return Modes(modes.weight, state, covariance)
+    return ModeStates(modes.weight, state, covariance)
 
 
 def forecast(start: Start, motion: Motion, tracks: Tracks, steps: int, name: str) -> Forecast:

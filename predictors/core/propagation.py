@@ -4,8 +4,6 @@ Notation: dT is the step, h counts steps ahead, D is the dimension of a position
 state, N the number of steps, O the number of obstacles.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...framework.values.arrays import Array
@@ -35,91 +33,6 @@ def white_acceleration(dt: float, density: float, size: int) -> tuple[Array, Arr
     eye = np.eye(size)
     wide = np.kron(transition[..., 0], eye), np.kron(process[..., 0], eye)
     return wide[0].astype(np.float64), wide[1].astype(np.float64)
-
-
-def readings(transition: Array, size: int, steps: int) -> Array:
-    """Return the output matrices H F^h of the steps h = 1..N, (N, D, S).
-
-    H takes the first ``size`` components of the state, the position.
-    """
-    reads = np.zeros((steps, size, len(transition)))
-    power = np.eye(size, len(transition))
-    for h in range(steps):
-        power = power @ transition
-        reads[h] = power
-    return reads
-
-
-@dataclass(frozen=True, eq=False)
-class Growth:
-    """How a linear model carries any state and covariance over the horizon.
-
-    Attributes
-    ----------
-    transition, process : (S, S), F and Q.
-    reads : (N, D, S), see `readings`.
-    square : (N*D*D, S*S), their products H F^h by H F^h, that map P_0 to each step.
-    grown : (N, D, D), m^2, what Q has added by each step.
-    """
-
-    transition: Array
-    process: Array
-    reads: Array
-    square: Array
-    grown: Array
-
-    @classmethod
-    def of(cls, transition: Array, process: Array, size: int, steps: int) -> "Growth":
-        """Compute it for N steps and positions of D coordinates, which come first in a state."""
-        reads = readings(transition, size, steps)
-        square = np.einsum("nia,njb->nijab", reads, reads)
-        square = square.reshape(steps * size**2, len(transition) ** 2)
-        grown = np.zeros((steps, size, size))
-        covariance = np.zeros_like(process)
-        for h in range(steps):
-            covariance = transition @ covariance @ transition.T + process
-            grown[h] = covariance[:size, :size]
-        return cls(transition, process, reads, square, grown)
-
-    def covariances(self, start: Array) -> Array:
-        """Covariance of the position at each step from P_0 (O, S, S), (O, N, D, D), m^2.
-
-        All obstacles share F and Q, so that step h is H F^h P_0 F^h' H' plus what Q adds, the
-        same for all: one product of `square` with all P_0 at once.
-        """
-        count = len(start)
-        spread = start.reshape(count, self.square.shape[1]) @ self.square.T
-        return np.asarray(spread.reshape(count, *self.grown.shape) + self.grown)
-
-
-def step_covariances(
-    transition: Array, process: Array, start: Array, size: int, steps: int
-) -> Array:
-    """Covariance of the position at each step, (O, N, D, D), m^2; see `joint_covariance`.
-
-    Parameters
-    ----------
-    transition : (S, S), F.
-    process : (S, S), Q.
-    start : (O, S, S), P_0.
-    size : D; the first components of the state are the position.
-    steps : N.
-    """
-    return Growth.of(transition, process, size, steps).covariances(start)
-
-
-def step_joint(
-    transition: Array, process: Array, start: Array, size: int, steps: int, late: IntArray
-) -> Array:
-    """Joint covariance of the positions from step late + 1 to late + N, (O, N*D, N*D), m^2.
-
-    As `step_covariances`, with the covariances between steps; ``late`` is (O,).
-    """
-    ahead = steps + int(late.max(initial=0))
-    reads = readings(transition, size, ahead).reshape(ahead * size, -1)
-    grown = joint_covariance(transition, process, np.zeros_like(process), size, ahead)
-    joint = reads @ start @ reads.T + grown
-    return cut_steps(joint, steps, size, late)
 
 
 def cut_steps(joint: Array, steps: int, size: int, late: IntArray) -> Array:

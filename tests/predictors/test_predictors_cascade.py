@@ -233,7 +233,7 @@ def test_laws_and_config() -> None:
         "type": "wideberth.predictors.cascade:FallbackChain",
         "stages": [
             {"predictor": "var", "minimum_samples": 30},
-            {"predictor": {"type": "kalman", "history": 10}, "max_speed": 3},
+            {"predictor": {"type": "kalman"}, "max_speed": 3},
         ],
     }
     made = build("predictors", config)

@@ -10,18 +10,18 @@ from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.core.kalman_filter import (
-    Modes,
+    ModeStates,
+    ModeStep,
     Motion,
-    Step,
     filtered,
     mixed,
     moments_ahead,
     moved,
     readings,
 )
-from wideberth.predictors.core.propagation import step_covariances
+from wideberth.predictors.core.propagation import joint_covariance
 from wideberth.predictors.interacting_models import MODES, InteractingModels
-from wideberth.predictors.kalman import WhiteAcceleration
+from wideberth.predictors.kalman import DriftingVelocity
 from wideberth.tests.helpers.irregular import irregular_tracks
 
 DT = 0.4
@@ -123,7 +123,7 @@ def test_batched_bank_equals_filterpy(size, irregular):
 def test_mixing_keeps_the_moments_of_each_model_and_of_all(size):
     """Mean and second moment of the mixture do not change; brute force over all pairs."""
     beliefs = InteractingModels().filtered(irregular_tracks(5, size))
-    modes = Modes(*beliefs.values[:3])
+    modes = ModeStates(*beliefs.values[:3])
     chain = np.random.default_rng(2).dirichlet(np.ones(3), (5, 3)).transpose(1, 2, 0)
     after = mixed(modes, chain)
     for o in range(5):
@@ -145,7 +145,7 @@ def test_mixing_keeps_the_moments_of_each_model_and_of_all(size):
 class Alike(Motion):
     """Three models that are the same, with a chain between them."""
 
-    one: WhiteAcceleration
+    one: DriftingVelocity
 
     @property
     def start(self):
@@ -159,14 +159,14 @@ class Alike(Motion):
         part = self.one.step(times)
         chain = np.array([[0.8, 0.1, 0.1], [0.2, 0.5, 0.3], [0.1, 0.0, 0.9]])
         repeated = (np.repeat(matrix, 3, axis=2) for matrix in part[:2])
-        return Step(*repeated, np.repeat(chain[..., None], len(times), axis=2))
+        return ModeStep(*repeated, np.repeat(chain[..., None], len(times), axis=2))
 
 
 def test_identical_models_are_one_kalman_filter_with_missing_samples():
     tracks = wandering(5, 14, 2)
     positions = np.array(tracks.positions)
     positions[0, 3:5], positions[1, 8], positions[2, -2:], positions[3, :6] = NAN, NAN, NAN, NAN
-    one = WhiteAcceleration(0.1, 1.2)
+    one = DriftingVelocity(0.1, 1.2)
     for seen in (replace(tracks_of(positions), noise=correlated(5, 2)), irregular_tracks(5, 2)):
         single = filtered(seen, None, one, 0.01).values
         several = filtered(seen, None, Alike(one), 0.01).values
@@ -291,7 +291,7 @@ def test_readings_are_the_moments_over_all_sequences_of_models():
 def test_the_closed_form_over_the_horizon_is_that_of_the_steps():
     """`moments_ahead` against `moved`, step by step."""
     predictor = InteractingModels(dwell=1.5, stopping=0.4)
-    modes = Modes(*predictor.filtered(irregular_tracks(6, 3, latest=1.0)).values[:3])
+    modes = ModeStates(*predictor.filtered(irregular_tracks(6, 3, latest=1.0)).values[:3])
     middle, spread = moments_ahead(modes, readings(predictor._motion, DT, 8))
     step = predictor._motion.step(np.array([DT]))
     for h in range(8):
@@ -371,7 +371,11 @@ def test_kept_modes_keep_their_models():
     np.testing.assert_allclose(forecast.weight, weight)
     transitions, processes, _ = models(predictor._motion, DT, 2)
     for mode in range(3):
-        wanted = step_covariances(transitions[mode], processes[mode], spread[:, mode], 2, 5)
+        model = transitions[mode], processes[mode]
+        alone = [
+            joint_covariance(*model, own, 2, 5).reshape(5, 2, 5, 2) for own in spread[:, mode]
+        ]
+        wanted = np.stack([joint[np.arange(5), :, np.arange(5)] for joint in alone])
         np.testing.assert_allclose(forecast.covariance[:, mode], wanted, atol=1e-13)
         blocks = forecast.joint[:, mode].reshape(4, 5, 2, 5, 2)[:, np.arange(5), :, np.arange(5)]
         np.testing.assert_allclose(blocks.swapaxes(0, 1), wanted, atol=1e-12)

@@ -14,7 +14,7 @@ from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.scoring import negative_log_likelihood
 from wideberth.predictors.constant_acceleration import ConstantAcceleration
 from wideberth.predictors.core.kalman_filter import (
-    Modes,
+    ModeStates,
     filtered,
     floored,
     updated,
@@ -22,7 +22,7 @@ from wideberth.predictors.core.kalman_filter import (
 )
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.interacting_models import InteractingModels
-from wideberth.predictors.kalman import Kalman, WhiteAcceleration
+from wideberth.predictors.kalman import DriftingVelocity, Kalman
 from wideberth.tests.helpers.irregular import irregular_tracks
 
 DT = 0.5
@@ -40,7 +40,7 @@ def wandering(count, rows, size, *, missing=0.0, seed=0, far=0.0):
     return Tracks(positions, DT, ids, np.full(count, 0.3), noise)
 
 
-MOTION = WhiteAcceleration(density=0.05, speed=1.3)
+MOTION = DriftingVelocity(density=0.05, speed=1.3)
 
 
 def textbook(tracks, density, speed, floor):
@@ -157,7 +157,7 @@ def one_mode(count, size=2, seed=1):
     whole = root @ root.swapaxes(1, 2)
     covariance = whole.reshape(count, 2, size, 2, size).transpose(1, 2, 3, 4, 0)[..., None, :]
     state = rng.standard_normal((2, size, 1, count))
-    return Modes(np.ones((1, count)), state, covariance), whole
+    return ModeStates(np.ones((1, count)), state, covariance), whole
 
 
 @pytest.mark.parametrize("size", [2, 3])
@@ -335,7 +335,7 @@ def test_modes_are_weighted_by_the_density_of_the_innovation():
     rng = np.random.default_rng(18)
     several = [one_mode(4, seed=seed) for seed in range(3)]
     weight = rng.dirichlet(np.ones(3), 4).T
-    modes = Modes(
+    modes = ModeStates(
         weight,
         np.concatenate([modes.state for modes, _ in several], axis=2),
         np.concatenate([modes.covariance for modes, _ in several], axis=4),

@@ -16,7 +16,7 @@ from wideberth.predictors.core import straight_stretch
 from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.core.straight_stretch import LONGEST_STRETCH, since_jump
-from wideberth.predictors.kalman import Kalman, WhiteAcceleration, filter_one_by_one
+from wideberth.predictors.kalman import DriftingVelocity, Kalman, filter_one_by_one
 from wideberth.predictors.turning import TurningPeople
 
 DT = 0.2
@@ -49,7 +49,7 @@ def fine(monkeypatch):
     monkeypatch.setattr(turning, "LIGHT", 1e-9)
     monkeypatch.setattr(turning, "SECTORS", 720)
     monkeypatch.setattr(turning, "CELL", 1e-6)
-    monkeypatch.setattr(turning, "WALK", WhiteAcceleration(1e-12, 2.0))
+    monkeypatch.setattr(turning, "WALK", DriftingVelocity(1e-12, 2.0))
 
 
 def drawn_walks(count, place, velocity, tendency, rng):
@@ -88,7 +88,7 @@ def test_moments_are_those_of_the_stated_walk(fine, tendency):
 
 
 def test_few_modes_have_nearly_the_same_moments(monkeypatch):
-    monkeypatch.setattr(turning, "WALK", WhiteAcceleration(1e-12, 2.0))
+    monkeypatch.setattr(turning, "WALK", DriftingVelocity(1e-12, 2.0))
     place, velocity = np.array([1.0, -2.0]), np.array([1.1, 0.4])
     predictor = TurningPeople(area=SQUARE)
     forecast = predictor.predict(tracks_of(straight(place, velocity)), 20)

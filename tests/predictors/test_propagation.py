@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.core.kalman_filter import ModeStates, Start, forecast
 from wideberth.predictors.core.propagation import (
     cut_steps,
     joint_covariance,
-    step_covariances,
-    step_joint,
     white_acceleration,
 )
 from wideberth.predictors.core.small_matrices import _inside, spectral_radius
+from wideberth.predictors.kalman import DriftingVelocity
 
 DT = 0.5
 
@@ -52,15 +53,21 @@ def test_all_obstacles_at_once_are_each_alone(size):
     model = white_acceleration(0.4, 0.3, size)
     root = rng.normal(size=(5, 2 * size, 2 * size))
     start = root @ root.swapaxes(1, 2)
-    late = np.array([0, 2, 0, 1, 3])
-    joint = step_joint(*model, start, size, 6, late)
-    steps = step_covariances(*model, start, size, 9)
+    late, state = np.array([0, 2, 0, 1, 3]), rng.normal(size=(5, 2, size))
+    blocks = start.reshape(5, 2, size, 2, size).transpose(1, 2, 3, 4, 0)[..., None, :]
+    modes = ModeStates(np.ones((1, 5)), state.transpose(1, 2, 0)[:, :, None], blocks)
+    begin = Start(modes, np.zeros((size, 5)), late, np.zeros(5, dtype=np.bool_))
+    tracks = Tracks(np.zeros((5, 1, size)), 0.4, range(5), np.zeros(5), np.zeros((5, size, size)))
+    said = forecast(begin, DriftingVelocity(0.3, 1.0), tracks, 6, "all")
+    assert said.joint is not None
     for i in range(5):
         alone = joint_covariance(*model, start[i], size, 9)
-        for h in range(9):
-            block = alone[h * size : (h + 1) * size, h * size : (h + 1) * size]
-            np.testing.assert_allclose(steps[i, h], block, rtol=1e-12)
         first = late[i] * size
         wanted = alone[first : first + 6 * size, first : first + 6 * size]
-        np.testing.assert_allclose(joint[i], wanted, rtol=1e-12)
+        np.testing.assert_allclose(said.joint[i, 0], wanted, rtol=1e-12)
+        for h in range(6):
+            block = wanted[h * size : (h + 1) * size, h * size : (h + 1) * size]
+            np.testing.assert_allclose(said.covariance[i, 0, h], block, rtol=1e-12)
+            place = state[i, 0] + 0.4 * (late[i] + h + 1) * state[i, 1]
+            np.testing.assert_allclose(said.mean[i, 0, h], place, rtol=1e-12)
         np.testing.assert_array_equal(cut_steps(alone[None], 6, size, late[i : i + 1])[0], wanted)

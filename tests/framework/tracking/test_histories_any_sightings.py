@@ -1,6 +1,6 @@
 """Histories of any sightings: any rates, late and reordered messages, people who come and go."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 
 import numpy as np
@@ -9,10 +9,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from wideberth.framework.tracking.history import DENSEST, MOST, History
-from wideberth.framework.tracking.perception import FORGET
+from wideberth.framework.tracking.perception import FORGET, Perception
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.motion import Detection
+from wideberth.framework.values.forecast import Scene
+from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.kalman import Kalman
 
 REPEATABLE = settings(max_examples=150, derandomize=True, deadline=None, database=None)
 NOISE = 1e-4 * np.eye(2)
@@ -242,6 +244,51 @@ def test_samples_lie_on_a_straight_line_or_are_measured_within_half_a_step(
             possible = place(name, np.array([instant, *near]))
             off = np.linalg.norm(position - possible, axis=1)
             assert np.isnan(off).all() or off.min() <= rounding
+
+
+@REPEATABLE
+@given(histories(), messages(backwards=True))
+@example(PLANNERS, FOUR_BETWEEN)
+def test_sightings_are_the_measurements(history: History, received: list[Message]) -> None:
+    """At their own times and places, none twice, and the newest of each person always."""
+    tracks = filled(history, received).tracks()
+    if tracks is None:
+        return
+    sightings, newest = tracks.measured, newest_measurements(received)
+    assert len(set(sightings.log)) == len(tracks) and (sightings.newest <= tracks.stamp).all()
+    for name, times, places in zip(tracks.ids, sightings.times, sightings.positions, strict=True):
+        measured = {one.stamp - one.ages[name] for one in received if name in one.ages}
+        assert len(times) and set(times.tolist()) <= measured and (np.diff(times) > 0).all()
+        np.testing.assert_allclose(places, place(name, times), rtol=1e-12, atol=1e-9)
+        assert times[-1] <= newest[name]
+
+
+@settings(REPEATABLE, max_examples=40)
+@given(histories(), messages(backwards=True))
+@example(PLANNERS, SEEN_AGAIN)
+def test_what_was_filtered_before_changes_no_forecast(
+    history: History, received: list[Message]
+) -> None:
+    """Whatever came late, twice or in any order, and whatever the clock did.
+
+    The history is long enough that no measurement leaves it: a filter that goes on knows more.
+    """
+    history = replace(history, samples=int(200.0 / history.dt))
+    perception = Perception(Kalman(), 2, history, FORGET, history.dt)
+    grid = history.dt * np.arange(1.0, 5.0)
+    for message in received:
+        seen = Observation(message.stamp, np.zeros(3), message.detections())
+        perception = perception.take(seen)
+        tracks = perception.history.tracks()
+        perception = perception.learnt(tracks, Scene())
+        if tracks is None:
+            continue
+        found = perception.forecast(tracks, tracks.stamp, grid, Scene())
+        wanted = Kalman().predict(tracks, 4)
+        assert found is not None and found.fallback == wanted.fallback
+        scale = 1.0 + np.abs(wanted.mean).max()
+        np.testing.assert_allclose(found.mean, wanted.mean, rtol=0, atol=1e-9 * scale)
+        np.testing.assert_allclose(found.covariance, wanted.covariance, rtol=1e-9, atol=1e-12)
 
 
 @REPEATABLE
