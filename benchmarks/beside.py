@@ -117,13 +117,13 @@ def serve() -> int:
                 print("begun", file=answers, flush=True)
                 continue
             assert drive is not None
-            found = [drive.decide() for _ in range(int(words[0]))]
+            decisions = [drive.decide() for _ in range(int(words[0]))]
             said = sha256()
-            for _, (command, plan) in found:
+            for _, (command, plan) in decisions:
                 said.update(repr((command, str(plan.rung), plan.ids, plan.reason)).encode())
                 for array in (plan.states, plan.inputs, plan.level, plan.content):
                     said.update(np.ascontiguousarray(array).tobytes())
-            print(sum(taken for taken, _ in found), said.hexdigest(), file=answers, flush=True)
+            print(sum(taken for taken, _ in decisions), said.hexdigest(), file=answers, flush=True)
     return 0
 
 

@@ -106,9 +106,9 @@ def _stages(rows: Sequence[Row]) -> Any:
     for panel, predictor in zip(np.ravel(panels), predictors, strict=True):
         for i, count in enumerate(seen):
             case = (predictor, count)
-            own = [row["ms"] for row in rows if (row["predictor"], row["seen"]) == case]
+            times = [row["ms"] for row in rows if (row["predictor"], row["seen"]) == case]
             places = np.arange(len(stages)) + (i - 0.5 * (len(seen) - 1)) * width
-            panel.barh(places, own, width, label=f"{count} seen, {sum(own):.2g} ms",
+            panel.barh(places, times, width, label=f"{count} seen, {sum(times):.2g} ms",
                        color=COLOURS[i % len(COLOURS)], hatch=HATCHES[i % len(HATCHES)],
                        edgecolor="white", linewidth=0.3)  # fmt: skip
         panel.set_yticks(range(len(stages)), stages)

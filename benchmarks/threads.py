@@ -1,4 +1,4 @@
-"""What more threads of BLAS cost a control loop: an episode of `crossing`, played from Python.
+"""Processor time of an episode of `crossing`, with one and with more threads of BLAS.
 
 Threads that wait for work spin for a while after each piece of it, so that a loop whose matrices
 wake them pays for a second core that does nothing. ``wideberth run`` has one thread; a script that
@@ -62,8 +62,8 @@ def measure(rounds: int, tick: Tick) -> list[Row]:
 
 def _in_a_process(environment: Mapping[str, str]) -> float:
     command = [sys.executable, __file__]
-    found = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
-    return float(found.stdout)
+    episode = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+    return float(episode.stdout)
 
 
 def played() -> float:

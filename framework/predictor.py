@@ -30,10 +30,10 @@ def _update_within(update: Callable[..., Any]) -> Callable[..., Any]:
 
     @wraps(update)
     def limited(self: Any, tracks: Tracks, scene: Scene | None = None, *beliefs: Any) -> Any:
-        known = bounded(tracks, scene)
-        if known is None:
+        within = bounded(tracks, scene)
+        if within is None:
             return update(self, tracks, scene, *beliefs)
-        return update(self, known.tracks, known.scene, *beliefs)
+        return update(self, within.tracks, within.scene, *beliefs)
 
     return limited
 
@@ -43,8 +43,8 @@ def _filtered_within(filtered: Callable[..., Beliefs]) -> Callable[..., Beliefs]
 
     @wraps(filtered)
     def limited(self: Any, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
-        known = bounded(tracks, None)
-        return filtered(self, tracks if known is None else known.tracks, before)
+        within = bounded(tracks, None)
+        return filtered(self, tracks if within is None else within.tracks, before)
 
     return limited
 
@@ -68,13 +68,13 @@ def _limited_forecast(
     forecast: Callable[[Tracks, Scene | None], Forecast], tracks: Tracks, scene: Scene | None
 ) -> Forecast:
     """Ask for a forecast with numbers within the limits, and add what was beyond them."""
-    known = bounded(tracks, scene)
-    if known is None:
+    within = bounded(tracks, scene)
+    if within is None:
         return forecast(tracks, scene)
-    said = forecast(known.tracks, known.scene)
+    said = forecast(within.tracks, within.scene)
     reasons = tuple(
         "; ".join(filter(None, both)) or None
-        for both in zip(known.reasons, said.fallback, strict=True)
+        for both in zip(within.reasons, said.fallback, strict=True)
     )
     return replace(said, dt=tracks.dt, fallback=reasons)
 

@@ -23,7 +23,7 @@ from ..framework.values.beliefs import Beliefs
 from ..framework.values.coverage import Coverage, Event
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
-from ..framework.values.tracks import Tracks
+from ..framework.values.tracks import Tracks, resolution
 from ..metrics.episode import SMALLEST, content_bound
 from ..metrics.scoring import reached_tail
 from .core.assembly import more_modes
@@ -34,8 +34,6 @@ from .core.wrapping import Wrapping
 from .corrected import Corrected, thinned
 from .interacting_models import InteractingModels
 
-ON_GRID = 1e-6
-"""Steps by which a time may miss another and still count as the same."""
 EARLY = 0.9
 """Steps after which the next forecast is stated: stamps that jitter must not skip every other."""
 FEWEST, CLASS = 100, 100
@@ -329,7 +327,7 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
         state = self._learnt(tracks)
         learnt = altered(self, base=base, state=state)
         last = state.pending[-1].stamp if state.pending else -np.inf
-        if tracks.stamp - last < EARLY * tracks.dt - _slack(tracks):
+        if tracks.stamp - last < EARLY * tracks.dt - resolution(tracks.dt, tracks.stamp):
             return learnt
         most = math.ceil((self.steps + BRIDGE) / EARLY)
         pending = (*state.pending, learnt._made(beliefs, tracks, scene))[-most:]
@@ -337,7 +335,7 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
 
     def _made(self, beliefs: Beliefs, tracks: Tracks, scene: Scene | None) -> Pending:
         """State a forecast of the obstacles that count."""
-        seen = tracks.lag < tracks.dt - _slack(tracks)
+        seen = tracks.lag < tracks.dt - resolution(tracks.dt, tracks.stamp)
         if self.observed > 1:
             seen &= _in_a_row(tracks, self.observed)
         index = np.flatnonzero(seen & (tracks.measured.count > 0))
@@ -355,7 +353,7 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
     def _learnt(self, tracks: Tracks) -> Online:
         """Return the state after the truth that has come since the last update."""
         state = self.state
-        slack = _slack(tracks)
+        slack = resolution(tracks.dt, tracks.stamp)
         if (
             state is None
             or abs(state.dt - tracks.dt) > slack
@@ -378,7 +376,7 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
         newest = tracks.measured.newest + (tracks.stamp - tracks.clock)
         stamps = np.array([one.stamp for one in state.pending])
         with np.errstate(over="ignore"):  # after leaps of the clock
-            elapsed = (newest - stamps[:, None] + _slack(tracks)) / state.dt
+            elapsed = (newest - stamps[:, None] + resolution(tracks.dt, tracks.stamp)) / state.dt
         known = np.minimum(np.maximum(elapsed, 0.0), self.steps).astype(np.int64)
         place, every = None, np.arange(len(tracks))
         pending: list[Pending] = []
@@ -438,7 +436,7 @@ def _missed(looks: _Looks, truth: Array, tail: float) -> Array:
 
 def _truth(tracks: Tracks, looks: _Looks) -> Array:
     """Where obstacles were when forecasts of them were due, (R, D), m; NaN where unknown."""
-    measured, slack = tracks.measured, _slack(tracks)
+    measured, slack = tracks.measured, resolution(tracks.dt, tracks.stamp)
     time = looks.time + (tracks.clock - tracks.stamp)
     truth = np.full((len(time), tracks.dimension), np.nan)
     now = np.abs(tracks.clock - time) <= slack
@@ -493,8 +491,3 @@ def _quantile(values: Array, weights: Array, share: float) -> float:
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][min(np.searchsorted(total, share * total[-1]), len(order) - 1)])
-
-
-def _slack(tracks: Tracks) -> float:
-    """Seconds by which a time may miss another: a clock that counts since 1970 is coarse."""
-    return max(ON_GRID * tracks.dt, 4.0 * float(np.spacing(abs(tracks.stamp))))

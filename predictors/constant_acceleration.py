@@ -12,9 +12,8 @@ from ..framework.values.arrays import Array, positive
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.kalman_filter import ModeStep, Motion, Start, filtered, forecast
+from .core.kalman_filter import ModeStep, Motion, filtered, forecast_ahead
 from .core.pattern_search import fit_numbers
-from .kalman import tracked_of
 
 SCALED = ({"acceleration": 1.0, "noise_floor": 1.0},)
 """What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
@@ -81,8 +80,7 @@ class ConstantAcceleration(Filtering, Fittable):
         self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
     ) -> Forecast:
         """Forecast all obstacles; see `Filtering.ahead`."""
-        start = Start.of(beliefs, tracks, self._motion, tracked_of(beliefs, tracks))
-        return forecast(start, self._motion, tracks, steps, "constant_acceleration")
+        return forecast_ahead(beliefs, tracks, self._motion, steps, "constant_acceleration")
 
     @cached_property
     def _motion(self) -> "DecayingAcceleration":
@@ -106,11 +104,6 @@ class DecayingAcceleration(Motion):
     def start(self) -> tuple[float, ...]:
         """See `Motion.start`."""
         return (self.speed**2, self.acceleration**2)
-
-    @property
-    def usual(self) -> tuple[float, ...]:
-        """See `Motion.usual`."""
-        return (1.0,)
 
     def step(self, times: Array) -> ModeStep:
         """See `Motion.step`."""

@@ -21,7 +21,8 @@ from ..framework.values.measurements import NO_LOG, IntArray
 from ..framework.values.tracks import ON_GRID, Tracks
 from .constant_acceleration import singer
 from .core.assembly import Gaussians, with_fallback
-from .core.kalman_filter import PAUSE, floored, in_steps, rounds
+from .core.history import floored
+from .core.kalman_filter import PAUSE, in_steps, rounds
 from .core.propagation import white_steps
 from .kalman import Kalman
 

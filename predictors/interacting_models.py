@@ -219,11 +219,6 @@ class KeptModel(Motion):
         """See `Motion.start`."""
         return self.motion.start
 
-    @property
-    def usual(self) -> tuple[float, ...]:
-        """See `Motion.usual`."""
-        return (1.0,)
-
     def step(self, times: Array) -> ModeStep:
         """See `Motion.step`."""
         every, own = self.motion.step(times), slice(self.mode, self.mode + 1)

@@ -9,11 +9,12 @@ import numpy as np
 
 from ..framework.plugins.extras import check_extra
 from ..framework.predictor import Filtering, Fittable
-from ..framework.values.arrays import Array, BoolArray, checked_choice, positive
+from ..framework.values.arrays import Array, checked_choice, positive
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.kalman_filter import PAUSE, ModeStep, Motion, Start, filtered, floored, forecast
+from .core.history import floored
+from .core.kalman_filter import PAUSE, ModeStep, Motion, filtered, forecast_ahead
 from .core.pattern_search import fit_numbers
 from .core.propagation import white_steps
 
@@ -90,8 +91,7 @@ class Kalman(Filtering, Fittable):
         self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
     ) -> Forecast:
         """Forecast all obstacles; see `Filtering.ahead`."""
-        start = Start.of(beliefs, tracks, self._motion, tracked_of(beliefs, tracks))
-        return forecast(start, self._motion, tracks, steps, "kalman")
+        return forecast_ahead(beliefs, tracks, self._motion, steps, "kalman")
 
     @cached_property
     def _motion(self) -> "DriftingVelocity":
@@ -119,25 +119,10 @@ class DriftingVelocity(Motion):
         """See `Motion.start`."""
         return (self.speed**2,)
 
-    @property
-    def usual(self) -> tuple[float, ...]:
-        """See `Motion.usual`."""
-        return (1.0,)
-
     def step(self, times: Array) -> ModeStep:
         """See `Motion.step`."""
         transition, process = white_steps(times, self.density)
         return ModeStep(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
-
-
-def tracked_of(beliefs: Beliefs, tracks: Tracks) -> BoolArray | None:
-    """Return whose numbers are the tracker's, (O,); None where there is no tracker.
-
-    A tracker that states no velocity has its numbers used from the second measurement on.
-    """
-    if tracks.state_covariance is None:
-        return None
-    return np.asarray(beliefs.count > (1 if tracks.velocity is None else 0), dtype=np.bool_)
 
 
 def filter_one_by_one(tracks: Tracks, motion: Motion, floor: float) -> Beliefs:

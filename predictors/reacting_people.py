@@ -11,7 +11,7 @@ from ..framework.predictor import Adaptive, Predictor
 from ..framework.values.arrays import Array, BoolArray, positive, probability, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
-from ..framework.values.tracks import Tracks
+from ..framework.values.tracks import ON_GRID, Tracks
 from ..people.models import CircularForce, Company, PersonModel, Reciprocal, Straight, Walkers
 from ..people.walls import WallField
 from .core.assembly import Gaussians, both_reasons, narrowed, refuse_adaptive, with_fallback
@@ -127,8 +127,6 @@ MOST_WALLS = 32
 """Polygons that count, the nearest ones."""
 MEMORY = 40
 """Samples that beliefs are inferred from where none are carried on."""
-ON_GRID = 1e-6
-"""Steps by which a time may miss a sample and still count as its own."""
 LONGEST_ROLL_OUT = 400
 """Steps of the models per forecast; longer ones are left to the fallback."""
 

@@ -118,8 +118,8 @@ def export(
     if whole:
         where = machine(target or NATIVE)
         path = dotted_path(experiment, name)
-        made = planner_bundle(whole_planner(chosen, source, where, corners, package, path))
-        write_folder(out, made, force=force)
+        exported = whole_planner(chosen, source, where, corners, package, path)
+        write_folder(out, planner_bundle(exported), force=force)
         return source
     sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
     one = subject(chosen, sizes, source)

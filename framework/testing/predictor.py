@@ -419,15 +419,15 @@ class _Sighted(_World):
     )
     def check_adapted(self) -> None:
         """Check that an update learns the same from beliefs that it is given."""
-        one = two = self.predictor
+        given = alone = self.predictor
         beliefs: Beliefs | None = None
         for time in self.tracks.stamp - DT * np.arange(8.0, -0.1, -0.7):
             seen, note = seen_until(self.tracks, time), f"updated, {self.where}"
-            assert isinstance(one, AdaptiveFiltering) and isinstance(two, AdaptiveFiltering)
+            assert isinstance(given, AdaptiveFiltering) and isinstance(alone, AdaptiveFiltering)
             beliefs = self._filtered(seen, beliefs)
             with _strict("update", f" ({note})"):
-                one, two = one.update(seen, None, beliefs), two.update(seen)
-            first, second = (_predict(each, seen, None, note) for each in (one, two))
+                given, alone = given.update(seen, None, beliefs), alone.update(seen)
+            first, second = (_predict(each, seen, None, note) for each in (given, alone))
             _check_values(first, seen, note)
             _check_alike(first, second, seen, note)
 

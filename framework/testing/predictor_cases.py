@@ -255,9 +255,9 @@ def sighted_tracks(
         if len(times):
             after = np.clip(times.searchsorted(grid), 1, max(len(times) - 1, 1))
             width = times[np.minimum(after, len(times) - 1)] - times[after - 1]
-            known = (grid >= times[0]) & (grid <= times[-1]) & (width <= 2.5 * DT)
+            between = (grid >= times[0]) & (grid <= times[-1]) & (width <= 2.5 * DT)
             for axis, place in enumerate(places.T):
-                row[known, axis] = np.interp(grid[known], times, place)
+                row[between, axis] = np.interp(grid[between], times, place)
             nearest = int(np.argmin(np.abs(grid - times[-1])))
             if np.isnan(row[nearest]).any():
                 row[nearest] = places[-1]

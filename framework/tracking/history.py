@@ -12,10 +12,10 @@ from ..values.arrays import FARTHEST, Array, all_finite, assembled
 from ..values.measurements import AdmittedMeasurements
 from ..values.motion import Detection, Observation
 from ..values.number_limits import vague_at_most
-from ..values.tracks import Tracks
+from ..values.tracks import ON_GRID, Tracks
 from .names import FASTEST, Names
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
-from .resampling import ON_GRID, PACE, beside_grid, interpolated
+from .resampling import PACE, beside_grid, interpolated
 from .stand_ins import OLDEST, LastGood, Sighting, is_sound, sound
 
 MOST = 200

@@ -8,15 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..values.arrays import Array, BoolArray, checked, positive, whole
 from ..values.errors import WideberthError
-from ..values.tracks import Tracks
+from ..values.tracks import ON_GRID, Tracks, resolution
 from .noise import estimated_noise
 
 IntArray: TypeAlias = NDArray[np.intp]
 
 MOST_CELLS = 50_000_000
 """Most (track, row) cells of a grid; more means that its step is wrong."""
-ON_GRID = 1e-6
-"""Steps by which a measurement may miss a grid time and still count as taken at it."""
 PACE = 1.0
 """m/s per axis, standard deviation of the velocity of a person who may stand or walk."""
 
@@ -212,8 +210,7 @@ def resampled_tracks(
             "obstacles; state a larger dt or a length"
         )
     grid = -dt * np.arange(whole("length", int(rows)) - 1.0, -1.0, -1.0, dtype=np.float64)
-    # a clock that counts from 1970 has lost the digits below 1e-7 s
-    slack = max(ON_GRID * dt, 4 * float(np.spacing(max(abs(newest), abs(oldest)))))
+    slack = resolution(dt, max(abs(newest), abs(oldest)))
     clocks = [times - newest for times in clocks]
     positions = interpolated(clocks, places, grid, bridge, slack)
     apart = beside_grid(positions, clocks, places, grid, dt, bridge)

@@ -29,10 +29,9 @@ class Measurements:
     times : of each obstacle (T,), s, strictly increasing; T may differ and be 0.
     values : of each (T, D + D^2), position, m, and its covariance, m^2, of each measurement.
     size : D.
-    log : of each the number of its log. Logs with the same number hold the same
-            measurements up to the newest that they share: what keeps a log gives it another
-            number when it begins anew, and when a measurement is replaced or inserted. `NO_LOG`
-        compares with nothing.
+    log : of each the number of its log. Logs with the same number hold the same measurements up
+        to the newest that they share: what keeps a log gives it another number when it begins
+        anew, and when a measurement is replaced or inserted. `NO_LOG` compares with nothing.
 
     Raises
     ------

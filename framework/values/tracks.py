@@ -17,6 +17,16 @@ LONGEST_LAG = 1e6
 """s since a measurement; a longer time counts as that."""
 
 
+def resolution(dt: float, time: float) -> float:
+    """Seconds by which a time may miss another: a clock that counts since 1970 is coarse.
+
+    Parameters
+    ----------
+    dt : s, step of the tracks. time : s, about which the clock stands.
+    """
+    return max(ON_GRID * dt, 4.0 * float(np.spacing(abs(time))))
+
+
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """Past positions of all obstacles.
@@ -150,7 +160,7 @@ class Tracks:
         What is below the resolution of the clock, or 1e-6 of a step, is 0; `LONGEST_LAG` at most.
         """
         lag = self.clock - self.measured.newest
-        least = max(ON_GRID * self.dt, 4.0 * float(np.spacing(abs(self.clock))))
+        least = resolution(self.dt, self.clock)
         return np.where((lag > least) & (lag < np.inf), np.minimum(lag, LONGEST_LAG), 0.0)
 
     def select(self, index: list[int]) -> "Tracks":

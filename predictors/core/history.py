@@ -1,14 +1,13 @@
 """Clean histories from tracks with gaps."""
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from ...framework.values.arrays import Array, BoolArray, all_finite
+from ...framework.values.measurements import IntArray as IntArray
 from ...framework.values.tracks import Tracks
-
-IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 LONGEST_GAP = 5
 """Missing samples in a row that are bridged by a straight line; what lies before a longer
@@ -171,17 +170,24 @@ def _filled(relative: Array, seen: BoolArray) -> Array:
     return np.asarray(np.where(seen[..., None], relative, first + share * (second - first)))
 
 
+def floored(noise: Array, floor: float) -> Array:
+    """Return covariances of measurements (..., D, D) that are never below ``floor``, m^2.
+
+    R + max(floor^2, 1e-12 tr R) I. Adding (rather than clipping eigenvalues) keeps it smooth and
+    turns with the world. The share of the trace is for noise of kilometres, whose smallest
+    eigenvalue would be rounding, and perhaps negative.
+    """
+    trace = noise.trace(axis1=-2, axis2=-1)
+    least = np.maximum(floor**2, ROUNDING * trace)[..., None, None]
+    return np.asarray(noise + least * np.eye(noise.shape[-1]))
+
+
 def measurement_noise(tracks: Tracks, floor: float) -> Array:
     """Covariance of one position measurement, never below ``floor``: (O, D, D), m^2.
 
-    R = tracks.noise + max(floor^2, 1e-12 tr(tracks.noise)) I. Adding (rather than clipping
-    eigenvalues) keeps it smooth and turns with the world. The share of the trace is for noise
-    of kilometres, whose smallest eigenvalue would be rounding, and perhaps negative.
+    `floored` of the noise of the tracks.
     """
-    noise = tracks.noise
-    trace = noise.trace(axis1=1, axis2=2)
-    least = np.maximum(floor**2, ROUNDING * trace)[:, None, None]
-    return np.asarray(noise + least * np.eye(tracks.dimension))
+    return floored(tracks.noise, floor)
 
 
 def too_short(past: Histories, needed: int, name: str) -> list[str | None]:

@@ -21,7 +21,7 @@ from ...framework.values.forecast import Forecast
 from ...framework.values.measurements import IntArray, Measurements
 from ...framework.values.tracks import ON_GRID, Tracks
 from .assembly import NEVER_SEEN_SPREAD
-from .history import LONGEST_GAP, ROUNDING, gather
+from .history import LONGEST_GAP, floored, gather
 from .propagation import after, cut_steps
 
 FAINTEST = -690.0
@@ -61,9 +61,9 @@ class Motion(ABC):
         """Return how the modes move in times (L,), s."""
 
     @property
-    @abstractmethod
     def usual(self) -> tuple[float, ...]:
-        """Probability of each mode in the long run, (M,)."""
+        """Probability of each mode in the long run, (M,); here of a single mode."""
+        return (1.0,)
 
 
 class ModeStates(NamedTuple):
@@ -176,18 +176,6 @@ def whitened(noise: Array) -> Array:
         for i in range(j + 1, size):
             inverse[i, j] = -(root[i, j:i] * inverse[j:i, j]).sum(axis=0) / root[i, i]
     return inverse
-
-
-def floored(noise: Array, floor: float) -> Array:
-    """Return covariances of measurements (..., D, D) that are never below ``floor``, m^2.
-
-    R + max(floor^2, 1e-12 tr R) I. Adding (rather than clipping eigenvalues) keeps it smooth and
-    turns with the world. The share of the trace is for noise of kilometres, whose smallest
-    eigenvalue would be rounding, and perhaps negative.
-    """
-    trace = noise.trace(axis1=-2, axis2=-1)
-    least = np.maximum(floor**2, ROUNDING * trace)[..., None, None]
-    return np.asarray(noise + least * np.eye(noise.shape[-1]))
 
 
 def _whitening(noise: Array, floor: float) -> Array:
@@ -445,8 +433,8 @@ class Start:
         beliefs : of the obstacles of the tracks, in any order of modes.
         tracks : of the obstacles.
         motion : of the modes.
-        tracked : (O,), whose position, velocity and covariances are those of the tracker; None for
-                    none. A tracker states them at the newest observed row.
+        tracked : (O,), whose position, velocity and covariances are those of the tracker, which
+            states them at the newest observed row; None where there is no tracker.
         """
         *parts, origin = beliefs.values
         modes, lag = ModeStates(*parts), tracks.lag
@@ -477,6 +465,20 @@ def _tracked(modes: ModeStates, tracks: Tracks, rows: IntArray) -> ModeStates:
     blocks = joint[rows].reshape(count, 2, size, 2, size).transpose(1, 2, 3, 4, 0)
     covariance[:2, :, :2] = blocks[..., None, :]
     return ModeStates(modes.weight, state, covariance)
+
+
+def forecast_ahead(
+    beliefs: Beliefs, tracks: Tracks, motion: Motion, steps: int, name: str
+) -> Forecast:
+    """Forecast from the beliefs of one mode, with a tracker's numbers where there are any.
+
+    A tracker that states no velocity has its numbers used from the second measurement on.
+    """
+    tracked = None
+    if tracks.state_covariance is not None:
+        tracked = np.asarray(beliefs.count > (1 if tracks.velocity is None else 0), dtype=np.bool_)
+    start = Start.of(beliefs, tracks, motion, tracked)
+    return forecast(start, motion, tracks, steps, name)
 
 
 def forecast(start: Start, motion: Motion, tracks: Tracks, steps: int, name: str) -> Forecast:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from wideberth.framework.values.measurements import Measurements
-from wideberth.framework.values.tracks import Tracks
+from wideberth.framework.values.tracks import Tracks, resolution
 from wideberth.predictors.adaptive_conformal import (
     LIMIT,
     AdaptiveConformal,
@@ -15,7 +15,6 @@ from wideberth.predictors.adaptive_conformal import (
     _Looks,
     _missed,
     _quantile,
-    _slack,
     _starts,
     _truth,
 )
@@ -164,7 +163,8 @@ def test_a_start_is_the_quantile_of_the_distances_over_that_of_chi_square() -> N
 
 def test_a_clock_of_large_numbers_is_coarse() -> None:
     for stamp, wanted in ((10.0, 0.5e-6), (1.7e9, 4.0 * 2.0**-22)):
-        assert _slack(tracks_of(np.zeros((1, 2, 2)), stamp)) == wanted
+        tracks = tracks_of(np.zeros((1, 2, 2)), stamp)
+        assert resolution(tracks.dt, tracks.stamp) == wanted
 
 
 def test_scales_are_those_learnt_last_else_those_of_the_fit() -> None:

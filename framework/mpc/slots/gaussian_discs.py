@@ -265,9 +265,9 @@ class DiscNumbers(NamedTuple):
 
     def some(self, which: NDArray[np.intp], level: Array, places: dict[str, int]) -> "DiscNumbers":
         """Return those of some of the discs, by their indices, at levels of their own."""
-        kept = self.mean.take(which, axis=1), self.covariance.take(which, axis=1)
+        mean, covariance = self.mean.take(which, axis=1), self.covariance.take(which, axis=1)
         end = None if self.end is None else self.end.some(which)
-        return DiscNumbers(*kept, self.margin[which], level, places, end)
+        return DiscNumbers(mean, covariance, self.margin[which], level, places, end)
 
     def until(self, later: ObstacleSet, reference: Reference, own: Array) -> "DiscNumbers":
         """Return them with what holds the discs from step N to those ``later``.

@@ -119,14 +119,14 @@ def out_of_reach(
     apart = lengths(mean - places[:, :, None])
     room = (apart - allowed[:, :, None]).min(axis=0)
     far: BoolArray = (room > margin).all(axis=0) & (level >= 0.0).all(axis=0)
-    some = far.nonzero()[0]
-    if some.size:
+    distant = far.nonzero()[0]
+    if distant.size:
         with np.errstate(all="ignore"):  # a radius that is no number leaves nothing out
-            level, wide = level.take(some, axis=1), margin[some]
-            deviations = _deviations(covariance.take(some, axis=1))
+            level, wide = level.take(distant, axis=1), margin[distant]
+            deviations = _deviations(covariance.take(distant, axis=1))
             radius = region.outer_radius(deviations, np.broadcast_to(wide, level.shape), level)
             radius = np.maximum(radius, wide) * (1.0 + SURPLUS) + SURPLUS
-            far[some] = (room.take(some, axis=1) > radius).all(axis=0)
+            far[distant] = (room.take(distant, axis=1) > radius).all(axis=0)
     return far
 
 
