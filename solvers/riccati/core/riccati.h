@@ -37,7 +37,8 @@ typedef struct {
 
 /* One kind of slots, K of them at every step. */
 typedef struct {
-    wb_kernel derivatives; /* (x's entries, s, a, y), parameters -> (h, e), Jacobian, Hessian */
+    wb_kernel derivatives; /* (x's entries, s, a, y), (parameters, level, 1, drawn) -> (h, e),
+                              Jacobian, Hessian */
     wb_kernel values;      /* the same -> (h, e) */
     int64_t slots;         /* K */
     int64_t parameters;    /* P, without the level */
@@ -46,10 +47,10 @@ typedef struct {
     int64_t inequalities;  /* rows of h, H */
     int64_t equalities;    /* rows of e, E */
     int64_t own;           /* own variables a, A */
-    const int64_t *depends; /* (entries,) of x */
-    const double *lower;   /* (A,), -infinity where there is no bound */
-    const double *upper;   /* (A,) */
-    double regularisation; /* weight of |a - drawn|^2 */
+    const int64_t *depends; /* (entries,), which entries of x */
+    const double *lower;    /* (A,), -infinity where there is no bound */
+    const double *upper;    /* (A,) */
+    double regularisation;  /* weight of |a - drawn|^2 */
 } wb_kind;
 
 /* Functions and sizes. Derivatives are those of the scaled cost plus pi f - y c, where y are the
