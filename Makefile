@@ -14,6 +14,8 @@ EXTRAS := all bench cluster docs lint physics test
 ROS_EXTRAS := fast maps physics sim studies
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
   --no-header -q
+# Of the extension modules, which an editable install builds beside them.
+C_SOURCES := $(wildcard framework/programs/*.[ch] solvers/riccati/core/*.[ch])
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
 .PHONY: help demo test ros style lint types promise docs bench history acados core fuzz mutants figures wheel pictures notebooks graph lock
@@ -120,11 +122,11 @@ lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 
 # Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
 # .venv/link there; imports go on to find the clone itself, which pip's finder names.
-.venv/ready: pyproject.toml requirements.lock
+.venv/ready: pyproject.toml requirements.lock setup.py $(C_SOURCES)
 	$(PY) -m venv .venv
 	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip install --python .venv -q --require-hashes -r requirements.lock
-	$(BIN)/uv pip install --python .venv -q --no-deps -e .
+	$(BIN)/uv pip install --python .venv -q --no-deps --reinstall-package wideberth -e .
 	mkdir -p .venv/link .venv/typed/wideberth && ln -sfn ../.. .venv/link/wideberth
 	for part in __init__.py __init__.pyi py.typed $(ROOMS); do \
 	  ln -sfn ../../../$$part .venv/typed/wideberth/$$part; done
