@@ -4,6 +4,7 @@
  * step is a Riccati recursion over the horizon (sweep.h), after everything that belongs to one
  * obstacle has been eliminated (slots.h). */
 
+#include "levels.h"
 #include "riccati.h"
 
 #include <math.h>

@@ -21,19 +21,7 @@
 
 #include <stdint.h>
 
-#ifndef WB_KERNEL
-#define WB_KERNEL
-/* out[:, c] = function(v[:, offset + c], p[:, c]) for c = 0 .. count - 1. Rows are entries, columns
- * are stages or slots; *_row is the distance in bytes between two rows. `work` is scratch memory.
- * Functions that ignore program and work may be plain C functions. */
-typedef void wb_function(const int64_t *program, int64_t offset, int64_t count, const double *v,
-                         int64_t v_row, const double *p, int64_t p_row, double *out,
-                         int64_t out_row, double *work);
-typedef struct {
-    wb_function *run;
-    const int64_t *program;
-} wb_kernel;
-#endif
+#include "kernel.h" /* wb_kernel, by which stage functions are called */
 
 /* One kind of slots, K of them at every step. */
 typedef struct {
