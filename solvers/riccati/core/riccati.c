@@ -16,68 +16,54 @@
 #include "slots.h"
 #include "sweep.h"
 
-/* ---- Bounds and inequalities */
+/* ---- Inequalities and bounds */
 
-/* Multipliers mu / gap, and slacks at the values, but off zero. */
-static void start_multipliers(core *s)
-{
-    const double push = s->settings->push, mu = s->mu;
-    for (int64_t k = 0; k < s->inequality_count; k++) {
-        const inequality *q = s->inequalities + k;
+/* Slacks at the values, those of inequalities off zero, and multipliers mu / t. */
+static void start_multipliers(core *s) {
+    for (int64_t k = 0; k < s->row_count; k++) {
+        const inequality *q = s->rows + k;
+        const double least = k < s->bounds_from ? s->settings->push : 0.0;
         LOOP(i, q->first, s->steps) {
-            q->t[i] = larger(q->tried[i] + q->eps[i], push);
-            q->y[i] = mu / q->t[i];
+            q->t[i] = larger(q->tried[i] + q->eps[i], least);
+            q->y[i] = s->mu / q->t[i];
         }
     }
-    for (int64_t k = 0; k < s->bound_count; k++) {
-        const bound *b = s->bounds + k;
-        LOOP(i, 0, s->steps) b->z[i] = mu / (b->sign * (b->x[i] - b->at));
-    }
-    s->zs = s->minimum > -INFINITY ? mu / (s->level - s->minimum) : 0.0;
+    s->zs = s->minimum > -INFINITY ? s->mu / (s->level - s->minimum) : 0.0;
 }
 
-/* Mean of multiplier times gap, of the multipliers that are numbers. */
-static double mean_product(const core *s)
-{
-    double total = 0.0, product;
-    int64_t count = 0;
-    for (int64_t k = 0; k < s->bound_count; k++)
-        for (int64_t i = 0; i < s->steps; i++) {
-            const bound *b = s->bounds + k;
-            product = b->z[i] * b->sign * (b->x[i] - b->at);
-            if (product == product)
-                total += product, count++;
+/* Mean of multiplier times slack, of the multipliers that are numbers. */
+static double mean_product(const core *s) {
+    double total = 0.0, count = 0.0;
+    for (int64_t k = 0; k < s->row_count; k++)
+        for (int64_t i = s->rows[k].first; i < s->steps; i++) {
+            const double product = s->rows[k].y[i] * s->rows[k].t[i];
+            total += product == product ? product : 0.0;
+            count += product == product;
         }
-    for (int64_t k = 0; k < s->inequality_count; k++)
-        for (int64_t i = s->inequalities[k].first; i < s->steps; i++) {
-            product = s->inequalities[k].y[i] * s->inequalities[k].t[i];
-            if (product == product)
-                total += product, count++;
-        }
-    return total / (double)(count > 0 ? count : 1);
+    return total / larger(count, 1.0);
 }
 
-/* Bring multipliers within a factor of mu / gap. */
-static void clip_multipliers(core *s)
-{
-    for (int64_t k = 0; k < s->bound_count; k++)
-        for (int64_t i = 0; i < s->steps; i++) {
-            const bound *b = s->bounds + k;
-            b->z[i] = known_multiplier(b->z[i], b->sign * (b->x[i] - b->at), s->mu);
-        }
-    for (int64_t k = 0; k < s->inequality_count; k++)
-        for (int64_t i = s->inequalities[k].first; i < s->steps; i++) {
-            const inequality *q = s->inequalities + k;
-            if (k >= s->robot_count)
-                q->t[i] = larger(q->t[i], q->tried[i] + q->eps[i]);
+/* Bring multipliers within a factor of mu / t. */
+static void clip_multipliers(core *s) {
+    for (int64_t k = 0; k < s->row_count; k++)
+        for (int64_t i = s->rows[k].first; i < s->steps; i++) {
+            const inequality *q = s->rows + k;
+            q->t[i] = larger(q->t[i], q->tried[i] + q->eps[i]);
             q->y[i] = known_multiplier(q->y[i], q->t[i], s->mu);
         }
 }
 
-/* Multiply a row into the products of the stages, whose logarithms are added to `total` before they
- * leave the range of numbers. */
-static void flush_products(const core *s, double *product, double *total)
-{
+/* Distances from the bounds at the trial point. */
+static void try_bounds(core *s) {
+    for (int64_t k = 0; k < s->bound_count; k++) {
+        const double *x = s->bounds[k].trial, at = s->bounds[k].at, sign = s->bounds[k].sign;
+        double *tried = s->bounds[k].tried;
+        LOOP(i, 0, s->steps) tried[i] = sign * (x[i] - at);
+    }
+}
+
+/* Add the logarithms of the stages' products before they leave the range of numbers. */
+static void flush_products(const core *s, double *product, double *total) {
     for (int64_t i = 0; i < s->steps; i++)
         if (!(product[i] > 1e-200 && product[i] < 1e200)) {
             *total += log(product[i]);
@@ -85,31 +71,20 @@ static void flush_products(const core *s, double *product, double *total)
         }
 }
 
-/* Add residuals and logarithms of all slacks and gaps to a trial point's merit. */
-static void merit_of_rows(core *s, merit *point)
-{
+/* Add residuals and logarithms of all slacks to a trial point's merit. */
+static void merit_of_rows(core *s, merit *point) {
     const double least = 1.0 - s->share, length = s->length;
     double *restrict product = s->pull, theta = 0.0, last = 1.0; /* pull is free until `errors` */
     LOOP(i, 0, s->steps) product[i] = 1.0;
-    for (int64_t k = 0; k < s->inequality_count; k++) {
-        const inequality *q = s->inequalities + k;
+    for (int64_t k = 0; k < s->row_count; k++) {
+        const inequality *q = s->rows + k;
         const double *t = q->t, *dt = q->dt, *tried = q->tried, *eps = q->trial_eps;
         int beyond = 0;
         LOOP(i, q->first, s->steps) {
-            double here = tried[i] + eps[i];
-            double next = next_slack(t[i], length * dt[i], here, least);
+            const double here = tried[i] + eps[i];
+            const double next = next_slack(t[i], length * dt[i], here, least);
             theta += next - here;
             product[i] *= next;
-            beyond |= !(product[i] > 1e-200 && product[i] < 1e200);
-        }
-        if (beyond)
-            flush_products(s, product, &point->logarithms);
-    }
-    for (int64_t k = 0; k < s->bound_count; k++) {
-        const double *x = s->bounds[k].trial, at = s->bounds[k].at, sign = s->bounds[k].sign;
-        int beyond = 0;
-        LOOP(i, 0, s->steps) {
-            product[i] *= sign * (x[i] - at);
             beyond |= !(product[i] > 1e-200 && product[i] < 1e200);
         }
         if (beyond)
@@ -121,12 +96,11 @@ static void merit_of_rows(core *s, merit *point)
     point->theta += theta;
 }
 
-/* Take the step in slacks and multipliers; variables and `eps` are those after the step. */
-static void accept_rows(core *s, double primal, double dual)
-{
+/* Take the step in slacks and multipliers; `eps` is that after the step. */
+static void accept_rows(core *s, double primal, double dual) {
     const double least = 1.0 - s->share, mu = s->mu;
-    for (int64_t k = 0; k < s->inequality_count; k++) {
-        const inequality *q = s->inequalities + k;
+    for (int64_t k = 0; k < s->row_count; k++) {
+        const inequality *q = s->rows + k;
         double *restrict t = q->t, *restrict y = q->y;
         const double *dt = q->dt, *dy = q->dy, *tried = q->tried, *eps = q->eps;
         LOOP(i, q->first, s->steps) {
@@ -134,22 +108,15 @@ static void accept_rows(core *s, double primal, double dual)
             y[i] = clip_multiplier(y[i] + dual * dy[i], t[i], mu);
         }
     }
-    for (int64_t k = 0; k < s->bound_count; k++) {
-        const bound *b = s->bounds + k;
-        const double *x = b->x, *dz = b->dz, at = b->at, sign = b->sign;
-        double *restrict z = b->z;
-        LOOP(i, 0, s->steps) z[i] = clip_multiplier(z[i] + dual * dz[i], sign * (x[i] - at), mu);
-    }
 }
 
 /* Add the bounds' forces to the gradients of the Lagrangian and fill in the tally of each stage;
  * returns the sum of the multipliers. */
-static double stationarity_of_rows(core *s)
-{
+static double stationarity_of_rows(core *s) {
     double *restrict residual = s->tally + RESIDUAL * s->wide, total = 0.0, mu = s->mu;
     double *restrict wrong = s->tally + COMPLEMENTARITY * s->wide;
-    for (int64_t k = 0; k < s->inequality_count; k++) {
-        const inequality *q = s->inequalities + k;
+    for (int64_t k = 0; k < s->row_count; k++) {
+        const inequality *q = s->rows + k;
         const double *t = q->t, *y = q->y, *value = q->value, *eps = q->eps;
         LOOP(i, q->first, s->steps) {
             residual[i] = max_or_nan(fabs(value[i] + eps[i] - t[i]), residual[i]);
@@ -158,58 +125,38 @@ static double stationarity_of_rows(core *s)
         }
     }
     for (int64_t k = 0; k < s->bound_count; k++) {
-        const bound *b = s->bounds + k;
-        const double *x = b->x, *z = b->z, at = b->at, sign = b->sign;
-        double *restrict pull = b->pull;
-        LOOP(i, 0, s->steps) {
-            pull[i] -= sign * z[i];
-            wrong[i] = max_or_nan(fabs(sign * (x[i] - at) * z[i] - mu), wrong[i]);
-            total += z[i];
-        }
+        const double *z = s->bounds[k].row->y, sign = s->bounds[k].sign;
+        double *restrict pull = s->bounds[k].pull;
+        LOOP(i, 0, s->steps) pull[i] -= sign * z[i];
     }
     return total;
 }
 
-/* Write the steps of the multipliers of bounds and inequalities. */
-static void step_of_rows(core *s)
-{
-    const double mu = s->mu;
-    for (int64_t k = 0; k < s->inequality_count; k++) {
-        const inequality *q = s->inequalities + k;
-        const double *t = q->t, *dt = q->dt, *y = q->y;
-        double *restrict dy = q->dy;
-        LOOP(i, q->first, s->steps) dy[i] = (mu - y[i] * dt[i]) / t[i] - y[i];
-    }
+/* Write the steps of the bounds' slacks and of all multipliers. */
+static void step_of_rows(core *s) {
     for (int64_t k = 0; k < s->bound_count; k++) {
-        const bound *b = s->bounds + k;
-        const double *x = b->x, *dx = b->dx, *z = b->z, at = b->at, sign = b->sign;
-        double *restrict dz = b->dz;
-        LOOP(i, 0, s->steps) dz[i] = (mu - sign * z[i] * dx[i]) / (sign * (x[i] - at)) - z[i];
+        const double *dx = s->bounds[k].dx, sign = s->bounds[k].sign;
+        double *restrict dt = s->bounds[k].row->dt;
+        LOOP(i, 0, s->steps) dt[i] = sign * dx[i];
+    }
+    for (int64_t k = 0; k < s->row_count; k++) {
+        const double *t = s->rows[k].t, *dt = s->rows[k].dt, *y = s->rows[k].y, mu = s->mu;
+        double *restrict dy = s->rows[k].dy;
+        LOOP(i, s->rows[k].first, s->steps) dy[i] = (mu - y[i] * dt[i]) / t[i] - y[i];
     }
 }
 
 /* Largest decreases of primal and dual values, as shares of them; slope of the barrier terms. */
-static void boundary_of_rows(core *s, double *primal, double *dual, double *slope)
-{
+static void boundary_of_rows(core *s, double *primal, double *dual, double *slope) {
     double *restrict most = s->pull, *restrict other = s->pull + s->wide, sum = 0.0;
     LOOP(i, 0, s->steps) most[i] = other[i] = 0.0;
-    for (int64_t k = 0; k < s->inequality_count; k++) {
-        const inequality *q = s->inequalities + k;
+    for (int64_t k = 0; k < s->row_count; k++) {
+        const inequality *q = s->rows + k;
         const double *t = q->t, *dt = q->dt, *y = q->y, *dy = q->dy;
         LOOP(i, q->first, s->steps) {
-            double share = -dt[i] / t[i];
+            const double share = -dt[i] / t[i];
             most[i] = larger(most[i], share);
             other[i] = larger(other[i], -dy[i] / y[i]);
-            sum += share;
-        }
-    }
-    for (int64_t k = 0; k < s->bound_count; k++) {
-        const bound *b = s->bounds + k;
-        const double *x = b->x, *dx = b->dx, *z = b->z, *dz = b->dz, at = b->at;
-        LOOP(i, 0, s->steps) {
-            double share = -dx[i] / (x[i] - at);
-            most[i] = larger(most[i], share);
-            other[i] = larger(other[i], -dz[i] / z[i]);
             sum += share;
         }
     }
@@ -223,8 +170,7 @@ static void boundary_of_rows(core *s, double *primal, double *dual, double *slop
 /* ---- A point: where it starts, its derivatives, its merit, its errors */
 
 /* States and inputs of the guess, off their bounds, and the numbers of the slots. */
-static void start_point(core *s)
-{
+static void start_point(core *s) {
     const double push = s->settings->push, *states = s->start->states, *inputs = s->start->inputs;
     const double *lower = s->problem->lower, *upper = s->problem->upper;
     const int64_t n = s->n, wide = s->wide;
@@ -247,8 +193,7 @@ static void start_point(core *s)
 }
 
 /* Mean level of the slots in use, which the shared level is drawn to. */
-static double mean_level(const core *s)
-{
+static double mean_level(const core *s) {
     double total = 0.0;
     int64_t count = 0;
     for (int64_t k = 0; k < s->problem->kinds; k++) {
@@ -260,25 +205,21 @@ static double mean_level(const core *s)
     return count > 0 ? total / (double)count : 0.0;
 }
 
-static void call_drive(core *s, const double *v)
-{
+static void call_drive(core *s, const double *v) {
     call(s, &s->problem->drive, s->wide, s->wide, v, s->columns, s->drive);
 }
 
-static void call_node(core *s)
-{
+static void call_node(core *s) {
     call(s, &s->problem->node, s->wide, s->wide, s->vn, s->columns, s->node);
 }
 
-static void call_level(core *s, double level, double *out)
-{
+static void call_level(core *s, double level, double *out) {
     s->level_v[0] = level;
     call(s, &s->problem->level, 1, LANES, s->level_v, s->level_p, out);
 }
 
 /* Scale the cost so that no entry of its gradient exceeds the limit. */
-static void rescale(core *s)
-{
+static void rescale(core *s) {
     double *scales = s->columns + s->problem->head * s->wide, largest = 1e-12;
     LOOP(i, 0, s->wide) scales[i] = 1.0;
     call_drive(s, s->v);
@@ -298,13 +239,12 @@ static void rescale(core *s)
 }
 
 /* Slack of the regions and all multipliers for the barrier mu; values are those of the trial. */
-static void start_slack(core *s)
-{
+static void start_slack(core *s) {
     const double push = s->settings->push;
     for (int64_t i = 0; i < s->steps; i++) {
         double deepest = 0.0;
-        for (int64_t k = s->robot_count; k < s->inequality_count; k++)
-            deepest = smaller(deepest, s->inequalities[k].tried[i]);
+        for (int64_t k = s->robot_count; k < s->bounds_from; k++)
+            deepest = smaller(deepest, s->rows[k].tried[i]);
         /* inside a region, as far from zero as the region is deep: short slacks mean short steps */
         s->eps[i] = deepest > -push ? s->mu / s->rho - deepest : push - 2.0 * deepest;
         s->nu[i] = s->mu / s->eps[i];
@@ -317,8 +257,7 @@ typedef struct {
     int64_t upper, dynamics, inputs, nodes, slack, level, width;
 } places;
 
-static places places_of(const core *s)
-{
+static places places_of(const core *s) {
     places at = {s->w, 2 * s->w, 2 * s->w + s->n, 0, 0, 0, 0};
     at.nodes = at.inputs + s->limits[0].count;
     at.slack = at.nodes + s->limits[1].count;
@@ -330,8 +269,7 @@ static places places_of(const core *s)
 /* Take given multipliers instead; mu is the mean of multiplier times gap, at most the first mu.
  *
  * Where none is given, NaN, the multiplier becomes mu / gap. */
-static void take_multipliers(core *s)
-{
+static void take_multipliers(core *s) {
     const places at = places_of(s);
     const double *given = s->start->multipliers;
     for (int64_t i = 0; i < s->steps; i++, given += at.width) {
@@ -340,7 +278,7 @@ static void take_multipliers(core *s)
             s->zu[r * s->wide + i] = s->scale * given[at.upper + r];
         }
         for (int64_t j = 0; j < s->robot_count; j++)
-            s->inequalities[j].y[i] = s->scale * given[at.inputs + j];
+            s->rows[j].y[i] = s->scale * given[at.inputs + j];
     }
     for (int64_t k = 0; k < s->problem->kinds; k++)
         take_of_slots(s, s->slots + k);
@@ -357,8 +295,7 @@ static void take_multipliers(core *s)
 }
 
 /* Take given multipliers of the dynamics. */
-static void take_costates(core *s)
-{
+static void take_costates(core *s) {
     const places at = places_of(s);
     for (int64_t i = 0; i < s->steps; i++)
         for (int64_t r = 0; r < s->n; r++)
@@ -367,8 +304,7 @@ static void take_costates(core *s)
 }
 
 /* Values and derivatives of everything at the present point, that was tried last. */
-static void differentiate(core *s)
-{
+static void differentiate(core *s) {
     const int64_t wide = s->wide;
     for (int64_t r = 0; r < s->n; r++)
         memcpy(s->vn + r * wide, s->v + r * wide + 1, (size_t)s->steps * sizeof *s->v);
@@ -386,8 +322,7 @@ static void differentiate(core *s)
  *
  * Of `drive` the derivatives as well: nine of ten points are taken, and the sines and cosines that
  * both need take half of its time. */
-static void try_point(core *s, double level)
-{
+static void try_point(core *s, double level) {
     const int64_t wide = s->wide, n = s->n;
     const double length = s->length;
     LOOP(c, 0, s->w * wide) s->trial_v[c] = s->v[c] + length * s->dv[c];
@@ -400,12 +335,12 @@ static void try_point(core *s, double level)
     call(s, &s->problem->node_values, wide, wide, s->trial_vn, s->columns, s->trial_node);
     for (int64_t k = 0; k < s->problem->kinds; k++)
         try_slots(s, s->slots + k, level);
+    try_bounds(s);
     call_level(s, level, s->level_tried);
 }
 
 /* Residual and barrier function at the trial point. */
-static merit merit_of(core *s, double level)
-{
+static merit merit_of(core *s, double level) {
     const int64_t wide = s->wide;
     merit point = {0.0, s->level_tried[0], 0.0, 0.0};
     LOOP(i, 0, s->steps) point.cost += s->drive[s->n * wide + i] + s->trial_node[i];
@@ -430,8 +365,7 @@ static merit merit_of(core *s, double level)
 }
 
 /* Gradient of cost and dynamics in states and inputs; returns the sum of |pi|. */
-static double stationarity_of_path(core *s)
-{
+static double stationarity_of_path(core *s) {
     const int64_t n = s->n, w = s->w, wide = s->wide;
     const double *pi = s->v + w * wide;
     double total = 0.0;
@@ -457,8 +391,7 @@ static double stationarity_of_path(core *s)
 }
 
 /* Add the forces of the robot's inequalities. */
-static void stationarity_of_limits(core *s, const limits *rows)
-{
+static void stationarity_of_limits(core *s, const limits *rows) {
     for (int64_t j = 0; j < rows->count; j++)
         for (int64_t r = 0; r < rows->width; r++) {
             const double *slope = rows->slope + (j * rows->width + r) * s->wide;
@@ -469,8 +402,7 @@ static void stationarity_of_limits(core *s, const limits *rows)
 }
 
 /* Raise a number to the largest of a row; NaN wins. */
-static double largest_of(const double *values, int64_t count, double most)
-{
+static double largest_of(const double *values, int64_t count, double most) {
     for (int64_t i = 0; i < count; i++)
         most = max_or_nan(fabs(values[i]), most);
     return most;
@@ -482,8 +414,7 @@ typedef struct {
     double primal, dual, wrong, all;
 } errors;
 
-static errors errors_of(core *s)
-{
+static errors errors_of(core *s) {
     const int64_t wide = s->wide, steps = s->steps;
     double force = s->level_out[LANES], primal = 0.0, dual = 0.0, wrong = 0.0;
     LOOP(c, 0, TALLIES * wide) s->tally[c] = 0.0;
@@ -523,8 +454,7 @@ static errors errors_of(core *s)
 /* ---- Newton step */
 
 /* Add to the condensed quadratic what the robot's inequalities contribute, t and y eliminated. */
-static void add_limits(core *s, const limits *rows)
-{
+static void add_limits(core *s, const limits *rows) {
     const int64_t wide = s->wide;
     double *restrict sigma = s->pull, *restrict force = s->pull + wide;
     for (int64_t j = 0; j < rows->count; j++) {
@@ -547,25 +477,21 @@ static void add_limits(core *s, const limits *rows)
 }
 
 /* Add what the bounds of states and inputs contribute. */
-static void add_bounds(core *s)
-{
-    const double mu = s->mu;
+static void add_bounds(core *s) {
     for (int64_t k = 0; k < s->path_bounds; k++) {
-        const bound *b = s->bounds + k;
-        const double *x = b->x, *z = b->z, at = b->at, sign = b->sign;
-        double *restrict curve = b->curve, *restrict gradient = b->gradient;
+        const double *t = s->bounds[k].row->t, *z = s->bounds[k].row->y;
+        const double force = s->bounds[k].sign * s->mu;
+        double *restrict curve = s->bounds[k].curve, *restrict gradient = s->bounds[k].gradient;
         LOOP(i, 0, s->steps) {
-            double inverse = 1.0 / (x[i] - at);
-            curve[i] += sign * z[i] * inverse;
-            gradient[i] -= mu * inverse;
+            curve[i] += z[i] / t[i];
+            gradient[i] -= force / t[i];
         }
     }
 }
 
 /* Eliminate the slack of each stage, whose price is rho, and add the rest to the stages: x_{i+1} is
  * that of stage i + 1. */
-static void eliminate_slack(core *s)
-{
+static void eliminate_slack(core *s) {
     const int64_t wide = s->wide, count = s->seen_count, last = count + s->shared;
     double *restrict inverse = s->pull, *restrict side = s->force + last * wide;
     double *own = s->region + triangle(last, last) * wide;
@@ -597,8 +523,7 @@ static void eliminate_slack(core *s)
 }
 
 /* Condense everything into stages of (x, u), and the level's curvature and slope. */
-static int condense(core *s)
-{
+static int condense(core *s) {
     const int64_t n = s->n, wide = s->wide;
     memset(s->hessian, 0, (size_t)s->quadratic_size * sizeof *s->hessian);
     s->top[0] = s->level_out[2 * LANES];
@@ -631,8 +556,7 @@ static int condense(core *s)
 
 /* Newton direction of the regularised problem whose reduced Hessian is positive definite; returns
  * whether there is one. */
-static int direction(core *s)
-{
+static int direction(core *s) {
     const double last = s->delta;
     const sweep *recursion = sweep_for(s->n, s->m);
     s->delta = 0.0;
@@ -653,8 +577,7 @@ static int direction(core *s)
 }
 
 /* Write the steps of the stages' slacks and their multipliers from those of states and level. */
-static void recover_slack(core *s)
-{
+static void recover_slack(core *s) {
     const int64_t wide = s->wide, last = s->seen_count + s->shared;
     const double *side = s->force + last * wide, *own = s->region + triangle(last, last) * wide;
     LOOP(i, 0, s->steps) s->deps[i] = side[i];
@@ -674,10 +597,9 @@ static void recover_slack(core *s)
  * Inside a region t is tiny, and its step, a difference of numbers that nearly cancel, loses all
  * digits once it is multiplied by y / t. The slack's own equation, rho - nu - sum y = 0 after the
  * step, gives the new y without that loss. */
-static void refine_multipliers(core *s)
-{
+static void refine_multipliers(core *s) {
     for (int64_t i = 0; i < s->steps; i++) {
-        const inequality *which = NULL, *q = s->inequalities, *end = q + s->inequality_count;
+        const inequality *which = NULL, *q = s->rows, *end = s->rows + s->bounds_from;
         if (s->nu[i] > 0.9 * s->rho)
             continue;
         for (q += s->robot_count; q < end; q++)
@@ -686,7 +608,7 @@ static void refine_multipliers(core *s)
         if (!which || which->y[i] < 0.1 * s->rho)
             continue;
         double next = s->rho - s->nu[i] - s->dnu[i];
-        for (q = s->inequalities + s->robot_count; q < end; q++)
+        for (q = s->rows + s->robot_count; q < end; q++)
             if (q != which)
                 next -= q->y[i] + q->dy[i];
         which->dy[i] = next - which->y[i];
@@ -695,8 +617,7 @@ static void refine_multipliers(core *s)
 }
 
 /* Write the steps of the slacks of the robot's inequalities. */
-static void step_of_limits(core *s, const limits *rows)
-{
+static void step_of_limits(core *s, const limits *rows) {
     for (int64_t j = 0; j < rows->count; j++) {
         const inequality *q = rows->rows + j;
         LOOP(i, q->first, s->steps) q->dt[i] = q->value[i] - q->t[i];
@@ -715,8 +636,7 @@ typedef struct {
 } reach;
 
 /* Write the steps of all slacks and multipliers, and measure the step. */
-static reach measure_step(core *s)
-{
+static reach measure_step(core *s) {
     double primal = 0.0, dual = 0.0;
     reach step = {0.0, 0.0, s->level_out[LANES] * s->dlevel, 0.0};
     for (int64_t r = 0; r < s->w; r++)
@@ -758,8 +678,7 @@ static reach measure_step(core *s)
 }
 
 /* Take the step. */
-static void accept(core *s, double primal, double dual)
-{
+static void accept(core *s, double primal, double dual) {
     const int64_t w = s->w, wide = s->wide;
     LOOP(c, 0, w * wide) s->v[c] += primal * s->dv[c];
     LOOP(c, 0, s->n * wide) s->v[w * wide + c] += primal * s->dpi[c];
@@ -776,8 +695,7 @@ static void accept(core *s, double primal, double dual)
 }
 
 /* Return to states, inputs and own variables before the step, the last that were finite. */
-static void undo_step(core *s)
-{
+static void undo_step(core *s) {
     LOOP(c, 0, s->w * s->wide) s->v[c] -= s->length * s->dv[c];
     s->level -= s->length * s->dlevel;
     for (int64_t k = 0; k < s->problem->kinds; k++)
@@ -787,16 +705,14 @@ static void undo_step(core *s)
 /* ---- Filter line search, barrier and price */
 
 /* Begin a new filter, which takes its limits from the next point. */
-static void begin_filter(core *s)
-{
+static void begin_filter(core *s) {
     s->entries = 0;
     s->theta_most = -1.0;
 }
 
 /* Whether the filter accepts a trial point. */
 static int filter_accepts(core *s, double slope, double theta, double phi, double new_theta,
-                          double new_phi)
-{
+                          double new_phi) {
     if (s->theta_most < 0.0) {
         s->theta_most = WB_LARGEST_RESIDUAL * larger(1.0, theta);
         s->theta_least = WB_SMALL_RESIDUAL * larger(1.0, theta);
@@ -819,8 +735,7 @@ static int filter_accepts(core *s, double slope, double theta, double phi, doubl
 }
 
 /* Add an entry to the filter. */
-static void add_to_filter(core *s, double theta, double phi)
-{
+static void add_to_filter(core *s, double theta, double phi) {
     if (s->entries < WB_FILTER_SIZE) {
         s->filter[2 * s->entries] = (1.0 - WB_MARGIN) * theta;
         s->filter[2 * s->entries + 1] = phi - WB_MARGIN * theta;
@@ -829,8 +744,7 @@ static void add_to_filter(core *s, double theta, double phi)
 }
 
 /* Fiacco and McCormick: a smaller mu once the problem for this one is nearly solved. */
-static void lower_barrier(core *s, const errors *error)
-{
+static void lower_barrier(core *s, const errors *error) {
     const double least = WB_LAST_BARRIER * s->settings->tolerance;
     double wrong = error->wrong, worst = larger(error->primal, larger(error->dual, wrong));
     while (s->mu > least && worst <= s->settings->test * s->mu) {
@@ -843,8 +757,7 @@ static void lower_barrier(core *s, const errors *error)
 }
 
 /* Raise the price of slack, and begin a new filter. */
-static void raise_price(core *s)
-{
+static void raise_price(core *s) {
     s->rho *= WB_PENALTY_FACTOR;
     s->mu = larger(s->mu, WB_PENALTY_BARRIER);
     for (int64_t i = 0; i < s->steps; i++)
@@ -853,8 +766,7 @@ static void raise_price(core *s)
 }
 
 /* Whether the whole Newton step keeps phi, all residuals being small and mu the last one. */
-static int is_settled(const core *s, double primal, double slope, const merit *present)
-{
+static int is_settled(const core *s, double primal, double slope, const merit *present) {
     const double tolerance = s->settings->tolerance;
     return s->mu <= WB_LAST_BARRIER * tolerance && primal <= tolerance
            && fabs(slope) <= WB_SETTLED_SLOPE * fabs(present->cost - s->mu * present->logarithms);
@@ -865,8 +777,7 @@ static int is_settled(const core *s, double primal, double slope, const merit *p
  * It leads to the same plan where both the present point and that of the whole Newton step are near
  * it. It leads to a dearer one where regions are hardly entered and the cost `ahead`, that of the
  * whole step by the cost's slope less what the barrier may still be worth, is far above the best. */
-static int hopeless(const core *s, double ahead, double entered)
-{
+static int hopeless(const core *s, double ahead, double entered) {
     const double best = s->settings->best, within = s->settings->within;
     const double *plan = s->start->plans;
     for (int64_t k = 0; k < (int64_t)s->settings->plans; k++, plan += (s->steps + 1) * s->n) {
@@ -888,8 +799,7 @@ static int hopeless(const core *s, double ahead, double entered)
 /* ---- Results */
 
 /* Copy the last point into the results, and its multipliers for the cost before scaling. */
-static void write_results(core *s, double cost)
-{
+static void write_results(core *s, double cost) {
     const places at = places_of(s);
     const int64_t n = s->n, w = s->w, wide = s->wide;
     wb_result *result = s->result;
@@ -910,7 +820,7 @@ static void write_results(core *s, double cost)
         for (int64_t r = 0; r < n; r++)
             into[at.dynamics + r] = s->v[(w + r) * wide + i] / s->scale;
         for (int64_t j = 0; j < s->robot_count; j++)
-            into[at.inputs + j] = s->inequalities[j].y[i] / s->scale;
+            into[at.inputs + j] = s->rows[j].y[i] / s->scale;
         into[at.slack] = s->slot_count ? s->nu[i] / s->scale : 0.0;
         into[at.level] = s->zs / s->scale;
     }
@@ -930,8 +840,7 @@ typedef struct {
 
 enum { ALIGNED = 8 }; /* doubles; a processor loads up to so many at once */
 
-static void *take(block *b, int64_t count)
-{
+static void *take(block *b, int64_t count) {
     void *place = b->base ? (void *)(b->base + b->used) : NULL;
     if (place)
         memset(place, 0, (size_t)count * sizeof *b->base);
@@ -940,15 +849,12 @@ static void *take(block *b, int64_t count)
 }
 
 /* Room for `count` things of a size in bytes. */
-static void *take_things(block *b, int64_t count, size_t size)
-{
-    const int64_t doubles = (int64_t)((size + sizeof(double) - 1) / sizeof(double));
-    return take(b, count * doubles);
+static void *take_things(block *b, int64_t count, size_t size) {
+    return take(b, count * (int64_t)((size + sizeof(double) - 1) / sizeof(double)));
 }
 
 /* Sizes of a problem, and where the pieces of the results of `drive` begin. */
-static void set_sizes(core *s, const wb_problem *problem)
-{
+static void set_sizes(core *s, const wb_problem *problem) {
     s->problem = problem;
     s->n = problem->n, s->m = problem->m, s->w = problem->n + problem->m;
     s->shared = problem->shared, s->steps = problem->steps;
@@ -959,46 +865,39 @@ static void set_sizes(core *s, const wb_problem *problem)
 }
 
 /* Room for the slots of a kind, `count` of them in use. */
-static void lay_out_slots(const core *s, slots *o, block *b, const wb_kind *kind, int64_t count)
-{
-    const int64_t row = count * s->wide, own = kind->own;
+static void lay_out_slots(const core *s, slots *o, block *b, const wb_kind *kind, int64_t count) {
+    const int64_t wide = count * s->wide, own = kind->own, equal = kind->equalities;
     o->kind = kind;
-    o->count = count, o->columns = row, o->own = own;
-    o->unequal = kind->inequalities, o->stated = kind->inequalities + kind->equalities;
+    o->count = count, o->columns = wide, o->own = own;
+    o->unequal = kind->inequalities, o->stated = kind->inequalities + equal;
     o->first = kind->entries + s->shared, o->w = o->first + own;
-    const int64_t inner = own + kind->equalities;
     o->active = take_things(b, count, sizeof *o->active);
-    o->place = take_things(b, o->first, sizeof *o->place);
-    o->v = take(b, (o->w + o->stated) * row);
-    o->p = take(b, (kind->parameters + kind->levelled + 1 + own) * row);
-    o->out = take(b, (o->stated * (1 + o->w) + o->w * o->w) * row);
-    o->trial = take(b, (o->w + o->stated) * row);
-    o->tried = take(b, o->stated * row);
-    o->t = take(b, o->unequal * row), o->dt = take(b, o->unequal * row);
-    o->dy = take(b, o->unequal * row);
-    o->zl = take(b, own * row), o->zu = take(b, own * row);
-    o->dzl = take(b, own * row), o->dzu = take(b, own * row);
-    o->drawn = take(b, own * row), o->pull = take(b, own * row);
-    o->da = take(b, inner * row);
-    o->back = take(b, inner * (o->first + 2) * row);
+    o->order = take_things(b, o->w, sizeof *o->order);
+    o->place = take_things(b, o->first + 1, sizeof *o->place);
+    o->v = take(b, (o->w + o->stated) * wide), o->trial = take(b, (o->w + o->stated) * wide);
+    o->p = take(b, (kind->parameters + kind->levelled + 1 + own) * wide);
+    o->out = take(b, (o->stated * (1 + o->w) + o->w * o->w) * wide);
+    o->tried = take(b, o->stated * wide);
+    o->t = take(b, o->unequal * wide), o->dt = take(b, o->unequal * wide);
+    o->zl = take(b, own * wide), o->zu = take(b, own * wide);
+    o->drawn = take(b, own * wide), o->pull = take(b, own * wide);
+    o->da = take(b, (own + equal) * wide);
+    o->back = take(b, (own + equal) * (o->first + 2) * wide);
     if (b->base) {
-        o->a = o->v + o->first * row, o->y = o->v + o->w * row;
-        o->slope = o->out + o->stated * row, o->hessian = o->slope + o->stated * o->w * row;
+        o->a = o->v + o->first * wide, o->y = o->v + o->w * wide;
+        o->slope = o->out + o->stated * wide, o->hessian = o->slope + o->stated * o->w * wide;
     }
 }
 
 /* Room for variables, results of the stage functions and the Newton step. */
-static void lay_out_path(core *s, block *b)
-{
-    const wb_problem *problem = s->problem;
-    const int64_t n = s->n, w = s->w, wide = s->wide, inputs = problem->input_rows;
-    const int64_t nodes = problem->node_rows + problem->final_rows;
+static void lay_out_path(core *s, block *b) {
+    const int64_t n = s->n, w = s->w, wide = s->wide, inputs = s->problem->input_rows;
+    const int64_t nodes = s->robot_count - inputs;
     s->v = take(b, (w + n + inputs) * wide), s->trial_v = take(b, (w + n + inputs) * wide);
     s->vn = take(b, (n + nodes) * wide), s->trial_vn = take(b, (n + nodes) * wide);
     s->dv = take(b, w * wide), s->dpi = take(b, n * wide);
     s->zl = take(b, w * wide), s->zu = take(b, w * wide);
-    s->dzl = take(b, w * wide), s->dzu = take(b, w * wide);
-    s->columns = take(b, (problem->head + 1) * wide);
+    s->columns = take(b, (s->problem->head + 1) * wide);
     s->drive = take(b, (s->at_hessian + w * w + inputs * (1 + w)) * wide);
     s->node = take(b, (1 + n + n * n + nodes * (1 + n)) * wide);
     s->trial_node = take(b, (1 + nodes) * wide);
@@ -1012,12 +911,11 @@ static void lay_out_path(core *s, block *b)
     s->filter = take(b, 2 * WB_FILTER_SIZE);
     s->stages = take(b, (s->steps + 1) * (n + w) * wide_row(w));
     s->product = take(b, n * wide_row(w)), s->move = take(b, w), s->next = take(b, n);
-    s->work = take(b, problem->work);
+    s->work = take(b, s->problem->work);
 }
 
 /* Room for the condensed quadratic, for as many entries of x as slots depend on. */
-static void lay_out_quadratic(core *s, block *b)
-{
+static void lay_out_quadratic(core *s, block *b) {
     const int64_t tall = s->seen_count + 2, wide = s->wide;
     const int64_t rows = triangle(s->w, 0) + s->w + s->n + triangle(tall, 0) + tall;
     s->quadratic_size = rows * wide;
@@ -1030,43 +928,28 @@ static void lay_out_quadratic(core *s, block *b)
     }
 }
 
-/* Doubles of the matrix of the largest slot. */
-static int64_t matrix_size(const wb_problem *problem)
-{
-    int64_t most = 0;
-    for (int64_t k = 0; k < problem->kinds; k++) {
-        const wb_kind *kind = problem->kind + k;
-        int64_t size = kind->own + kind->equalities + kind->entries + problem->shared + 1;
-        most = size > most ? size : most;
+/* Where the unknowns of a slot stand in its matrix, and among all entries of x that slots depend
+ * on, followed by the level and the slack. */
+static void order_slots(core *s, slots *o) {
+    const int64_t inner = o->own + o->stated - o->unequal;
+    for (int64_t r = 0; r < o->w; r++)
+        o->order[r] = r < o->first ? inner + r : r - o->first;
+    for (int64_t e = 0; e < o->kind->entries; e++) {
+        int64_t place = 0, entry = o->kind->depends[e];
+        while (place < s->seen_count && s->seen[place] != entry)
+            place++;
+        s->seen[place] = entry;
+        s->seen_count += place == s->seen_count;
+        o->place[e] = place;
     }
-    return most * (most + 1) * LANES;
-}
-
-/* Collect the entries of x that slots depend on, and their places in each kind. */
-static void collect_seen(core *s)
-{
-    s->seen_count = 0;
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        for (int64_t e = 0; e < s->problem->kind[k].entries; e++) {
-            int64_t place = 0, entry = s->problem->kind[k].depends[e];
-            while (place < s->seen_count && s->seen[place] != entry)
-                place++;
-            s->seen[place] = entry;
-            s->seen_count += place == s->seen_count;
-            s->slots[k].place[e] = place;
-        }
-    for (int64_t k = 0; s->shared && k < s->problem->kinds; k++)
-        s->slots[k].place[s->problem->kind[k].entries] = s->seen_count;
 }
 
 /* Lay out memory for the slots that are in use, or for all of them where it is only measured. */
-static void lay_out(core *s, block *b)
-{
+static void lay_out(core *s, block *b) {
     const wb_problem *problem = s->problem;
-    int64_t bounds = 2 * s->w, inequalities = s->robot_count;
+    int64_t bounds = 2 * s->w, rows = s->robot_count, most = 0;
     lay_out_path(s, b);
-    s->matrix = take(b, matrix_size(problem));
-    s->seen = take_things(b, s->n, sizeof *s->seen);
+    s->seen = take_things(b, s->n + 1, sizeof *s->seen);
     s->slots = take_things(b, problem->kinds, sizeof *s->slots);
     for (int64_t k = 0; k < problem->kinds; k++) {
         const wb_kind *kind = problem->kind + k;
@@ -1075,115 +958,115 @@ static void lay_out(core *s, block *b)
         for (int64_t slot = 0; b->base && slot < kind->slots; slot++)
             count -= !(s->start->slots[k].active[slot] > 0.0);
         lay_out_slots(s, o, b, kind, count);
+        const int64_t size = o->w + o->stated - o->unequal + 1;
+        most = size > most ? size : most;
         bounds += 2 * count * kind->own;
-        inequalities += count * kind->inequalities;
+        rows += count * kind->inequalities;
+        s->slot_count += count;
     }
+    s->matrix = take(b, most * (most + 1) * LANES);
     s->bounds = take_things(b, bounds, sizeof *s->bounds);
-    s->inequalities = take_things(b, inequalities, sizeof *s->inequalities);
-    s->seen_count = s->n; /* at most */
-    if (b->base)
-        collect_seen(s);
+    s->rows = take_things(b, rows + bounds, sizeof *s->rows);
+    s->spare = take(b, (2 * s->robot_count + rows + 4 * bounds) * s->wide);
+    s->seen_count = b->base ? 0 : s->n; /* at most */
+    for (int64_t k = 0; b->base && k < problem->kinds; k++)
+        order_slots(s, s->slots + k);
+    for (int64_t k = 0; b->base && k < problem->kinds; k++) {
+        s->slots[k].place[s->slots[k].kind->entries] = s->seen_count;
+        s->slots[k].place[s->slots[k].first] = s->seen_count + s->shared;
+    }
     lay_out_quadratic(s, b);
 }
 
-/* List a bound, unless it is infinite. */
-static void add_bound(core *s, double at, double sign, const bound *given)
-{
-    if (!isfinite(at))
-        return;
-    bound *b = s->bounds + s->bound_count++;
-    *b = *given;
-    b->at = at, b->sign = sign;
+/* A row of the spare memory. */
+static double *spare_row(core *s) {
+    s->spare += s->wide;
+    return s->spare - s->wide;
 }
 
-/* List the bounds of states and inputs: those of x_{i+1} in column i. */
-static void list_path(core *s)
-{
-    const wb_problem *problem = s->problem;
-    for (int64_t r = 0; r < s->w; r++) {
-        const int64_t row = r * s->wide, at = row + (r < s->n);
-        bound b = {0.0, 0.0, s->v + at, s->dv + at, s->trial_v + at, s->zl + row, s->dzl + row,
-                   s->pull + at, s->hessian + triangle(r, r) * s->wide + (r < s->n),
-                   s->gradient + at};
-        add_bound(s, problem->lower[r], 1.0, &b);
-        b.z = s->zu + row, b.dz = s->dzu + row;
-        add_bound(s, problem->upper[r], -1.0, &b);
-    }
-    s->path_bounds = s->bound_count;
+/* List an inequality from step `first` on, with a row for its slack and its step. */
+static inequality *add_row(core *s, int64_t first, const double *value, const double *tried, double *y) {
+    inequality *q = s->rows + s->row_count++;
+    const inequality made = {first, value, tried, s->none, s->none, NULL, NULL, y, spare_row(s)};
+    *q = made;
+    return q;
 }
 
 /* List the robot's inequalities on (x_i, u_i) and on x_{i+1}. */
-static void list_limits(core *s, block *b)
-{
-    const wb_problem *problem = s->problem;
-    const int64_t n = s->n, w = s->w, wide = s->wide, inputs = problem->input_rows;
-    const int64_t nodes = s->robot_count - inputs, count = s->robot_count;
+static void list_limits(core *s) {
+    const int64_t n = s->n, w = s->w, wide = s->wide, inputs = s->problem->input_rows;
+    const int64_t nodes = s->robot_count - inputs;
     double *c = s->drive + (s->at_hessian + w * w) * wide, *g = s->node + (1 + n + n * n) * wide;
-    double *t = take(b, count * wide), *dt = take(b, count * wide), *dy = take(b, count * wide);
-    for (int64_t j = 0; j < count; j++) {
-        inequality *q = s->inequalities + s->inequality_count++;
-        const int64_t k = j - inputs, row = j * wide;
-        q->first = k >= problem->node_rows ? s->steps - 1 : 0;
-        q->value = k < 0 ? c + row : g + k * wide;
-        q->tried = k < 0 ? q->value : s->trial_node + (1 + k) * wide;
-        q->y = k < 0 ? s->v + (w + n + j) * wide : s->vn + (n + k) * wide;
-        q->eps = q->trial_eps = s->none;
-        q->t = t + row, q->dt = dt + row, q->dy = dy + row;
+    for (int64_t j = 0; j < s->robot_count; j++) {
+        const int64_t k = j - inputs, first = k >= s->problem->node_rows ? s->steps - 1 : 0;
+        inequality *q = k < 0 ? add_row(s, first, c + j * wide, c + j * wide, s->v + (w + n + j) * wide)
+                       : add_row(s, first, g + k * wide, s->trial_node + (1 + k) * wide,
+                                 s->vn + (n + k) * wide);
+        q->t = spare_row(s), q->dt = spare_row(s);
     }
-    const limits on_inputs = {inputs, w, 0, s->inequalities, c + inputs * wide};
-    const limits on_nodes = {nodes, n, 1, s->inequalities + inputs, g + nodes * wide};
+    const limits on_inputs = {inputs, w, 0, s->rows, c + inputs * wide};
+    const limits on_nodes = {nodes, n, 1, s->rows + inputs, g + nodes * wide};
     s->limits[0] = on_inputs, s->limits[1] = on_nodes;
 }
 
-/* List bounds and inequalities of the slots of a kind. */
-static void list_slots(core *s, slots *o)
-{
-    for (int64_t k = 0; k < o->count; k++)
-        for (int64_t r = 0; r < o->own; r++) {
-            const int64_t at = r * o->columns + k * s->wide;
-            bound b = {0.0, 0.0, o->a + at, o->da + at, o->trial + o->first * o->columns + at,
-                       o->zl + at, o->dzl + at, o->pull + at, NULL, NULL};
-            add_bound(s, o->kind->lower[r], 1.0, &b);
-            b.z = o->zu + at, b.dz = o->dzu + at;
-            add_bound(s, o->kind->upper[r], -1.0, &b);
-        }
+/* List the inequalities of the slots of a kind. */
+static void list_slots(core *s, const slots *o) {
     for (int64_t j = 0; j < o->unequal; j++)
         for (int64_t k = 0; k < o->count; k++) {
             const int64_t at = j * o->columns + k * s->wide;
-            const inequality q = {0, o->out + at, o->tried + at, s->eps, s->trial_eps, o->t + at,
-                                  o->dt + at, o->y + at, o->dy + at};
-            s->inequalities[s->inequality_count++] = q;
+            inequality *q = add_row(s, 0, o->out + at, o->tried + at, o->y + at);
+            q->t = o->t + at, q->dt = o->dt + at;
+            q->eps = s->eps, q->trial_eps = s->trial_eps;
         }
 }
 
-/* Count the multipliers, of the slots' own variables both bounds whether they are finite or not. */
-static int64_t count_multipliers(const core *s)
-{
-    const int64_t always = s->robot_count - s->problem->final_rows;
-    int64_t count = (s->n + s->path_bounds + always + (s->slot_count > 0)) * s->steps;
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        count += s->slots[k].count * s->steps * (s->slots[k].unequal + 2 * s->slots[k].own);
-    return count + s->problem->final_rows;
+/* List a bound with its multiplier, unless it is infinite. */
+static void list_bound(core *s, bound b, double at, double sign, double *z) {
+    if (!isfinite(at))
+        return;
+    b.tried = spare_row(s);
+    inequality *q = add_row(s, 0, NULL, b.tried, z);
+    q->t = spare_row(s), q->dt = spare_row(s);
+    q->value = q->t;
+    b.row = q, b.at = at, b.sign = sign;
+    s->bounds[s->bound_count++] = b;
 }
 
-/* Count bounds and inequalities, an upper limit: of every bound both sides. */
-static int64_t count_inequalities(const core *s)
-{
-    int64_t count = 2 * s->w + s->robot_count;
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        count += s->slots[k].count * (s->slots[k].unequal + 2 * s->slots[k].own);
-    return count * s->steps;
+/* List the bounds of states and inputs, those of x_{i+1} in column i, and of own variables. */
+static void list_bounds(core *s) {
+    const double *lower = s->problem->lower, *upper = s->problem->upper;
+    for (int64_t r = 0; r < s->w; r++) {
+        const int64_t line = r * s->wide, after = r < s->n, at = line + after;
+        const bound b = {NULL, 0.0, 0.0, s->dv + at, s->trial_v + at, NULL, s->pull + at,
+                         s->hessian + triangle(r, r) * s->wide + after, s->gradient + at};
+        list_bound(s, b, lower[r], 1.0, s->zl + line);
+        list_bound(s, b, upper[r], -1.0, s->zu + line);
+    }
+    s->path_bounds = s->bound_count;
+    for (const slots *o = s->slots; o < s->slots + s->problem->kinds; o++)
+        for (int64_t at = 0; at < o->own * o->columns; at += s->wide) {
+            const bound b = {NULL, 0.0, 0.0, o->da + at, o->trial + o->first * o->columns + at,
+                             NULL, o->pull + at, NULL, NULL};
+            list_bound(s, b, o->kind->lower[at / o->columns], 1.0, o->zl + at);
+            list_bound(s, b, o->kind->upper[at / o->columns], -1.0, o->zu + at);
+        }
 }
 
-/* Lay out the memory, and list slots in use, bounds and inequalities. */
-static void prepare(core *s, double *memory)
-{
+/* Multipliers of the slots of all steps, of own variables both bounds, finite or not. */
+static int64_t count_of_slots(const core *s) {
+    int64_t count = 0;
+    for (const slots *o = s->slots; o < s->slots + s->problem->kinds; o++)
+        count += o->count * s->steps * (o->unequal + 2 * o->own);
+    return count;
+}
+
+/* Lay out the memory, and list slots in use, inequalities and bounds. */
+static void prepare(core *s, double *memory) {
     block b = {memory, 0};
     while ((uintptr_t)b.base % (ALIGNED * sizeof *memory))
         b.base++;
     lay_out(s, &b);
-    list_path(s);
-    list_limits(s, &b);
+    list_limits(s);
     for (int64_t k = 0; k < s->problem->kinds; k++) {
         slots *o = s->slots + k;
         int64_t count = 0;
@@ -1191,20 +1074,24 @@ static void prepare(core *s, double *memory)
         for (int64_t slot = 0; slot < o->kind->slots; slot++)
             if (o->given->active[slot] > 0.0)
                 o->active[count++] = slot;
-        s->slot_count += count;
         list_slots(s, o);
     }
-    s->multiplier_count = count_multipliers(s);
+    s->bounds_from = s->row_count;
+    list_bounds(s);
+    const int64_t always = s->robot_count - s->problem->final_rows + s->path_bounds + s->n;
+    s->multiplier_count = count_of_slots(s) + s->problem->final_rows
+                          + (always + (s->slot_count > 0)) * s->steps;
 }
 
-int64_t wb_size(const wb_problem *problem)
-{
+#ifndef WB_LEVEL_3
+int64_t wb_size(const wb_problem *problem) {
     core s = {0};
     block b = {NULL, 0};
     set_sizes(&s, problem);
     lay_out(&s, &b);
-    return b.used + 3 * s.robot_count * s.wide + 4 * ALIGNED;
+    return b.used + ALIGNED;
 }
+#endif
 
 /* ---- Iteration */
 
@@ -1218,8 +1105,7 @@ typedef struct {
 } progress;
 
 /* Sum of the slack of all steps. */
-static double total_slack(const core *s)
-{
+static double total_slack(const core *s) {
     double total = 0.0;
     for (int64_t i = 0; s->slot_count && i < s->steps; i++)
         total += s->eps[i];
@@ -1227,8 +1113,7 @@ static double total_slack(const core *s)
 }
 
 /* The guess, with slacks and multipliers. */
-static void begin(core *s, progress *now)
-{
+static void begin(core *s, progress *now) {
     start_point(s);
     rescale(s);
     s->rho = s->scale * s->settings->penalty;
@@ -1250,8 +1135,7 @@ static void begin(core *s, progress *now)
 
 /* Take the first point along the direction that the filter accepts; returns whether there is one.
  * After too many trials it begins anew, and the longest step is taken. */
-static int search_line(core *s, progress *now)
-{
+static int search_line(core *s, progress *now) {
     int64_t attempt = 0;
     int forget = 0;
     s->length = now->step.primal;
@@ -1282,8 +1166,7 @@ static int search_line(core *s, progress *now)
 }
 
 /* How a converged solve ends, or -1 where a higher price of slack is tried. */
-static int64_t judge_converged(core *s, progress *now)
-{
+static int64_t judge_converged(core *s, progress *now) {
     const double total = total_slack(s);
     merit *present = &now->present;
     if (now->deepest <= WB_SLACK_LEFT * s->settings->tolerance)
@@ -1301,8 +1184,7 @@ static int64_t judge_converged(core *s, progress *now)
 }
 
 /* How a solve ends at the present point, or -1. */
-static int64_t judge(core *s, progress *now, const volatile int64_t *stop)
-{
+static int64_t judge(core *s, progress *now, const volatile int64_t *stop) {
     if (!isfinite(now->error.all))
         undo_step(s);
     if (!isfinite(now->error.all) || s->failed_searches > WB_FAILURES)
@@ -1322,8 +1204,7 @@ static int64_t judge(core *s, progress *now, const volatile int64_t *stop)
 }
 
 /* Iterate; returns how the solve ended. */
-static int64_t iterate(core *s, progress *now, const volatile int64_t *stop)
-{
+static int64_t iterate(core *s, progress *now, const volatile int64_t *stop) {
     for (;; now->iterations++) {
         differentiate(s);
         now->error = errors_of(s);
@@ -1338,7 +1219,7 @@ static int64_t iterate(core *s, progress *now, const volatile int64_t *stop)
         int settled = is_settled(s, now->error.primal, now->step.slope, &now->present);
         now->settled = settled ? now->settled + 1 : 0;
         if (s->settings->plans > 0.0) {
-            const double barrier = s->mu * (double)count_inequalities(s);
+            const double barrier = s->mu * (double)(count_of_slots(s) + (2 * s->w + s->robot_count) * s->steps);
             const double ahead = now->present.cost + now->step.fall - barrier;
             status = hopeless(s, ahead / s->scale, total_slack(s));
             if (status >= 0)
@@ -1350,8 +1231,7 @@ static int64_t iterate(core *s, progress *now, const volatile int64_t *stop)
 }
 
 void wb_solve(const wb_problem *problem, const wb_settings *settings, const wb_start *start,
-              wb_result *result, const volatile int64_t *stop, double *memory)
-{
+              wb_result *result, const volatile int64_t *stop, double *memory) {
     core s = {0};
     progress now = {0};
     set_sizes(&s, problem);

@@ -10,8 +10,7 @@
  * entries, s, eps). */
 
 /* Take the numbers of the slots in use and their own variables, off the bounds. */
-static void start_of_slots(const core *s, slots *o)
-{
+static void start_of_slots(const core *s, slots *o) {
     const wb_kind *kind = o->kind;
     const wb_slots *given = o->given;
     const int64_t own = o->own, width = kind->parameters, row = o->columns;
@@ -36,8 +35,7 @@ static void start_of_slots(const core *s, slots *o)
 
 /* Take given multipliers, and slacks without that of the stage; multipliers of equalities that are
  * NaN become 0. */
-static void take_of_slots(const core *s, slots *o)
-{
+static void take_of_slots(const core *s, slots *o) {
     for (int64_t k = 0; k < o->count; k++)
         for (int64_t i = 0; i < s->steps; i++) {
             const int64_t c = k * s->wide + i, at = i * o->kind->slots + o->active[k];
@@ -57,8 +55,7 @@ static void take_of_slots(const core *s, slots *o)
 }
 
 /* Copy own variables and multipliers into the results, of the slots in use. */
-static void write_slots(const core *s, const slots *o)
-{
+static void write_slots(const core *s, const slots *o) {
     const int64_t width = o->stated + 2 * o->own, all = o->kind->slots;
     double *found = o->given->found, *after = o->given->after;
     for (int64_t at = 0; after && at < s->steps * all * width; at++)
@@ -83,8 +80,7 @@ static void write_slots(const core *s, const slots *o)
 /* ---- Values and derivatives */
 
 /* Write poses and level into the variables of the slots. */
-static void write_poses(const core *s, const slots *o, double *target, const double *v, double level)
-{
+static void write_poses(const core *s, const slots *o, double *target, const double *v, double level) {
     const int64_t entries = o->kind->entries;
     for (int64_t r = 0; r < entries; r++) {
         const double *row = v + o->kind->depends[r] * s->wide + 1;
@@ -96,8 +92,7 @@ static void write_poses(const core *s, const slots *o, double *target, const dou
 }
 
 /* Values at the trial point. */
-static void try_slots(const core *s, slots *o, double level)
-{
+static void try_slots(const core *s, slots *o, double level) {
     double *trial = o->trial + o->first * o->columns;
     LOOP(c, 0, o->own * o->columns) trial[c] = o->a[c] + s->length * o->da[c];
     write_poses(s, o, o->trial, s->trial_v, level);
@@ -106,16 +101,14 @@ static void try_slots(const core *s, slots *o, double level)
 }
 
 /* Derivatives at the present point. */
-static void differentiate_slots(const core *s, slots *o)
-{
+static void differentiate_slots(const core *s, slots *o) {
     write_poses(s, o, o->v, s->v, s->level);
     if (o->count)
         call(s, &o->kind->derivatives, o->columns, o->columns, o->v, o->p, o->out);
 }
 
 /* Add residuals of equalities and the regularisation at a trial point. */
-static void merit_of_slots(const core *s, const slots *o, merit *point)
-{
+static void merit_of_slots(const core *s, const slots *o, merit *point) {
     const double *trial = o->trial + o->first * o->columns;
     for (int64_t at = 0; at < o->columns; at += s->wide) {
         for (int64_t j = o->unequal; j < o->stated; j++)
@@ -129,8 +122,7 @@ static void merit_of_slots(const core *s, const slots *o, merit *point)
 }
 
 /* Take the step in own variables and in multipliers of equalities. */
-static void accept_slots(slots *o, double primal)
-{
+static void accept_slots(slots *o, double primal) {
     LOOP(c, 0, o->own * o->columns) o->a[c] += primal * o->da[c];
     double *y = o->y + o->unequal * o->columns;
     const double *negative = o->da + o->own * o->columns; /* the step solves for -y */
@@ -138,14 +130,12 @@ static void accept_slots(slots *o, double primal)
 }
 
 /* Take the step in the own variables back. */
-static void undo_slots(slots *o, double length)
-{
+static void undo_slots(slots *o, double length) {
     LOOP(c, 0, o->own * o->columns) o->a[c] -= length * o->da[c];
 }
 
 /* Derivative of the regularisation along the step. */
-static double slope_of_slots(const core *s, const slots *o)
-{
+static double slope_of_slots(const core *s, const slots *o) {
     double total = 0.0;
     for (int64_t r = 0; r < o->own; r++)
         for (int64_t at = r * o->columns; at < (r + 1) * o->columns; at += s->wide)
@@ -156,8 +146,7 @@ static double slope_of_slots(const core *s, const slots *o)
 
 /* Add the forces of h and e to the gradient of the Lagrangian in states, level and own variables,
  * and residuals of equalities to the tally. Returns the force on the level. */
-static double stationarity_of_slots(core *s, slots *o)
-{
+static double stationarity_of_slots(core *s, slots *o) {
     const int64_t wide = s->wide, columns = o->columns, entries = o->kind->entries;
     double force = 0.0;
     LOOP(c, 0, o->own * columns) o->pull[c] = 2.0 * o->weight * (o->a[c] - o->drawn[c]);
@@ -194,15 +183,14 @@ static double stationarity_of_slots(core *s, slots *o)
 
 /* Write the Hessian in (x, s, a) with regularisation and bounds, for LANES columns from `at` on. */
 static void curvature_of_slots(const core *s, const slots *o, int64_t at, int64_t size,
-                               double *restrict matrix, double *restrict force)
-{
-    const int64_t own = o->own, inner = size - o->first - 1, row = o->columns;
+                               double *restrict matrix, double *restrict force) {
+    const int64_t own = o->own, row = o->columns;
     LOOP(c, 0, size * size * LANES) matrix[c] = 0.0;
     LOOP(c, 0, size * LANES) force[c] = 0.0;
     for (int64_t r = 0; r < o->w; r++)
         for (int64_t c = 0; c <= r; c++) {
-            const int64_t a = r < o->first ? inner + r : r - o->first;
-            const int64_t b = c < o->first ? inner + c : c - o->first;
+            const int64_t a = o->order[r];
+            const int64_t b = o->order[c];
             const double *given = o->hessian + (r * o->w + c) * row + at;
             double *entry = ENTRY(a, b);
             LOOP(l, 0, LANES) entry[l] = given[l];
@@ -232,9 +220,8 @@ static void curvature_of_slots(const core *s, const slots *o, int64_t at, int64_
 
 /* Add an inequality, (t, y) eliminated. */
 static void add_inequality(const core *s, const slots *o, int64_t j, int64_t at, int64_t size,
-                           double *restrict matrix, double *restrict force)
-{
-    const int64_t inner = size - o->first - 1, row = o->columns, k = j * row + at;
+                           double *restrict matrix, double *restrict force) {
+    const int64_t row = o->columns, k = j * row + at;
     const double *eps = s->eps + at % s->wide, *slope = o->slope + j * o->w * row + at;
     double sigma[LANES], weight[LANES];
     LOOP(l, 0, LANES) {
@@ -248,7 +235,7 @@ static void add_inequality(const core *s, const slots *o, int64_t j, int64_t at,
         side[l] -= weight[l];
     }
     for (int64_t r = 0; r < o->w; r++, slope += row) {
-        const int64_t a = r < o->first ? inner + r : r - o->first;
+        const int64_t a = o->order[r];
         const double *other = o->slope + j * o->w * row + at;
         double product[LANES];
         side = force + a * LANES, entry = ENTRY(size - 1, a);
@@ -258,7 +245,7 @@ static void add_inequality(const core *s, const slots *o, int64_t j, int64_t at,
             side[l] -= weight[l] * slope[l];
         }
         for (int64_t c = 0; c <= r; c++, other += row) {
-            entry = ENTRY(a, c < o->first ? inner + c : c - o->first);
+            entry = ENTRY(a, o->order[c]);
             LOOP(l, 0, LANES) entry[l] += product[l] * other[l];
         }
     }
@@ -266,12 +253,11 @@ static void add_inequality(const core *s, const slots *o, int64_t j, int64_t at,
 
 /* Add an equality and its multiplier. */
 static void add_equality(const slots *o, int64_t j, int64_t at, int64_t size,
-                         double *restrict matrix, double *restrict force)
-{
-    const int64_t inner = size - o->first - 1, row = o->columns, e = o->own + j - o->unequal;
+                         double *restrict matrix, double *restrict force) {
+    const int64_t row = o->columns, e = o->own + j - o->unequal;
     const double *slope = o->slope + j * o->w * row + at, *value = o->out + j * row + at;
     for (int64_t r = 0; r < o->w; r++, slope += row) {
-        double *entry = ENTRY(e, r < o->first ? inner + r : r - o->first);
+        double *entry = ENTRY(e, o->order[r]);
         LOOP(l, 0, LANES) entry[l] = slope[l];
     }
     double *entry = ENTRY(e, e);
@@ -284,8 +270,7 @@ static void add_equality(const slots *o, int64_t j, int64_t at, int64_t size,
 /* Eliminate the first `inner` unknowns: own variables need positive pivots, multipliers of
  * equalities negative ones. Returns whether they are, in the first `count` lanes. */
 static int reduce_slots(const slots *o, int64_t inner, int64_t size, int64_t count,
-                        double *restrict matrix, double *restrict force)
-{
+                        double *restrict matrix, double *restrict force) {
     int sound = 1;
     for (int64_t j = 0; j < inner; j++) {
         const double *pivot = ENTRY(j, j), sign = j < o->own ? 1.0 : -1.0;
@@ -309,8 +294,7 @@ static int reduce_slots(const slots *o, int64_t inner, int64_t size, int64_t cou
 
 /* Solve for the inner unknowns as functions of (x, s, eps, 1), and keep that for later. */
 static void solve_slots(const slots *o, int64_t at, int64_t inner, int64_t size,
-                        const double *restrict matrix, const double *restrict force)
-{
+                        const double *restrict matrix, const double *restrict force) {
     const int64_t outer = size - inner, row = o->columns;
     for (int64_t j = inner - 1; j >= 0; j--) {
         const double *pivot = ENTRY(j, j);
@@ -331,25 +315,21 @@ static void solve_slots(const slots *o, int64_t at, int64_t inner, int64_t size,
 
 /* Add what is left in (x, s, eps) to the stages. */
 static void add_to_region(const core *s, const slots *o, int64_t at, int64_t inner, int64_t size,
-                          const double *restrict matrix, const double *restrict force)
-{
-    const int64_t stage = at % s->wide, eps = s->seen_count + s->shared;
+                          const double *restrict matrix, const double *restrict force) {
+    const int64_t stage = at % s->wide;
     for (int64_t r = 0; r <= o->first; r++) {
-        const int64_t row = r < o->first ? o->place[r] : eps;
-        double *into = s->force + row * s->wide + stage;
+        double *into = s->force + o->place[r] * s->wide + stage;
         LOOP(l, 0, LANES) into[l] += force[(inner + r) * LANES + l];
         for (int64_t c = 0; c <= r; c++) {
-            const int64_t column = c < o->first ? o->place[c] : eps;
             const double *entry = ENTRY(inner + r, inner + c);
-            into = s->region + triangle(row, column) * s->wide + stage;
+            into = s->region + triangle(o->place[r], o->place[c]) * s->wide + stage;
             LOOP(l, 0, LANES) into[l] += entry[l];
         }
     }
 }
 
 /* Condense the slots of a kind; returns whether the curvature in their own variables is right. */
-static int condense_slots(const core *s, const slots *o)
-{
+static int condense_slots(const core *s, const slots *o) {
     const int64_t inner = o->own + o->stated - o->unequal, size = inner + o->first + 1;
     double *matrix = s->matrix, *force = s->matrix + size * size * LANES;
     for (int64_t at = 0; at < o->columns; at += LANES) {
@@ -369,8 +349,7 @@ static int condense_slots(const core *s, const slots *o)
 }
 
 /* Write the steps of own variables and of the slacks t. */
-static void expand_slots(const core *s, slots *o)
-{
+static void expand_slots(const core *s, slots *o) {
     const int64_t wide = s->wide, row = o->columns, entries = o->kind->entries;
     const int64_t inner = o->own + o->stated - o->unequal, outer = o->first + 1;
     for (int64_t at = 0; at < row; at += wide) {

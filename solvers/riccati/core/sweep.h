@@ -20,14 +20,12 @@
  */
 
 /* Numbers of a row: (x, u), two right-hand sides, padding. */
-static INLINE int64_t wide_row(int64_t w)
-{
+static INLINE int64_t wide_row(int64_t w) {
     return (w + 2 + 3) / 4 * 4;
 }
 
 /* Write (A B gap) of stage i into its record. */
-static INLINE void load_dynamics(const core *s, int64_t n, int64_t w, int64_t i, double *ab)
-{
+static INLINE void load_dynamics(const core *s, int64_t n, int64_t w, int64_t i, double *ab) {
     const int64_t row = wide_row(w), wide = s->wide;
     for (int64_t r = 0; r < n; r++) {
         const double *slopes = s->drive + (s->at_jacobian + r * w) * wide + i;
@@ -40,8 +38,7 @@ static INLINE void load_dynamics(const core *s, int64_t n, int64_t w, int64_t i,
 }
 
 /* Write the stage's own quadratic, (H g h), into the rows of the condensed one. */
-static INLINE void load_quadratic(const core *s, int64_t n, int64_t w, int64_t i, double *curve)
-{
+static INLINE void load_quadratic(const core *s, int64_t n, int64_t w, int64_t i, double *curve) {
     const int64_t row = wide_row(w), wide = s->wide;
     const double *more = s->hessian + i, *own = s->drive + s->at_hessian * wide + i;
     for (int64_t r = 0; r < w; r++) {
@@ -60,8 +57,7 @@ static INLINE void load_quadratic(const core *s, int64_t n, int64_t w, int64_t i
 /* Add (A B)' P (A B) with the right-hand sides; `value` are the rows P . p q of the next stage. */
 static INLINE void add_value(int64_t n, int64_t w, const double *restrict ab,
                              const double *restrict value, double *restrict product,
-                             double *restrict curve)
-{
+                             double *restrict curve) {
     const int64_t row = wide_row(w);
     for (int64_t r = 0; r < n; r++) {
         double *line = product + r * row;
@@ -80,8 +76,7 @@ static INLINE void add_value(int64_t n, int64_t w, const double *restrict ab,
 }
 
 /* Eliminate the inputs one after the other; returns whether all pivots were positive. */
-static INLINE int eliminate_inputs(int64_t n, int64_t w, double *restrict curve, double *top)
-{
+static INLINE int eliminate_inputs(int64_t n, int64_t w, double *restrict curve, double *top) {
     const int64_t row = wide_row(w);
     for (int64_t a = n; a < w; a++) {
         const double *restrict pivot = curve + a * row;
@@ -103,8 +98,7 @@ static INLINE int eliminate_inputs(int64_t n, int64_t w, double *restrict curve,
 }
 
 /* Turn what the elimination left of the inputs' rows into their feedback. */
-static INLINE void solve_inputs(int64_t n, int64_t w, double *restrict curve)
-{
+static INLINE void solve_inputs(int64_t n, int64_t w, double *restrict curve) {
     const int64_t row = wide_row(w);
     for (int64_t a = w - 1; a >= n; a--) {
         double *restrict line = curve + a * row;
@@ -124,8 +118,7 @@ static INLINE void solve_inputs(int64_t n, int64_t w, double *restrict curve)
 }
 
 /* Recursion from the last stage to the first; 0 where the curvature is wrong. */
-static INLINE int backward(core *s, const int64_t n, const int64_t m)
-{
+static INLINE int backward(core *s, const int64_t n, const int64_t m) {
     const int64_t w = n + m, row = wide_row(w), record = (n + w) * row, last = s->steps;
     double *value = s->stages + last * record + n * row;
     for (int64_t r = 0; r < n; r++) {
@@ -157,8 +150,7 @@ static INLINE int backward(core *s, const int64_t n, const int64_t m)
 }
 
 /* Write the steps of states and inputs, and of the multipliers of the dynamics. */
-static INLINE void forward(core *s, const int64_t n, const int64_t m)
-{
+static INLINE void forward(core *s, const int64_t n, const int64_t m) {
     const int64_t w = n + m, row = wide_row(w), record = (n + w) * row, wide = s->wide;
     double *move = s->move;
     for (int64_t r = 0; r < n; r++)
@@ -206,13 +198,11 @@ SIZES(5, 2)
 SIZES(6, 3)
 #undef SIZES
 
-static int backward_of_any(core *s)
-{
+static int backward_of_any(core *s) {
     return backward(s, s->n, s->m);
 }
 
-static void forward_of_any(core *s)
-{
+static void forward_of_any(core *s) {
     forward(s, s->n, s->m);
 }
 
@@ -229,8 +219,7 @@ static const sweep sweeps[] = {
 };
 
 /* The recursion for a robot's sizes: the generic one is the last. */
-static const sweep *sweep_for(int64_t n, int64_t m)
-{
+static const sweep *sweep_for(int64_t n, int64_t m) {
     const sweep *candidate = sweeps;
     while (candidate->n && (candidate->n != n || candidate->m != m))
         candidate++;
