@@ -23,7 +23,7 @@ static void start_multipliers(core *s) {
     for (int64_t k = 0; k < s->row_count; k++) {
         const inequality *q = s->rows + k;
         const double least = k < s->bounds_from ? s->settings->push : 0.0;
-        LOOP(i, q->first, s->steps) {
+        LOOP (i, q->first, s->steps) {
             q->t[i] = larger(q->tried[i] + q->eps[i], least);
             q->y[i] = s->mu / q->t[i];
         }
@@ -58,7 +58,7 @@ static void try_bounds(core *s) {
     for (int64_t k = 0; k < s->bound_count; k++) {
         const double *x = s->bounds[k].trial, at = s->bounds[k].at, sign = s->bounds[k].sign;
         double *tried = s->bounds[k].tried;
-        LOOP(i, 0, s->steps) tried[i] = sign * (x[i] - at);
+        LOOP (i, 0, s->steps) tried[i] = sign * (x[i] - at);
     }
 }
 
@@ -75,23 +75,21 @@ static void flush_products(const core *s, double *product, double *total) {
 static void merit_of_rows(core *s, merit *point) {
     const double least = 1.0 - s->share, length = s->length;
     double *restrict product = s->pull, theta = 0.0, last = 1.0; /* pull is free until `errors` */
-    LOOP(i, 0, s->steps) product[i] = 1.0;
+    LOOP (i, 0, s->steps) product[i] = 1.0;
     for (int64_t k = 0; k < s->row_count; k++) {
         const inequality *q = s->rows + k;
         const double *t = q->t, *dt = q->dt, *tried = q->tried, *eps = q->trial_eps;
         int beyond = 0;
-        LOOP(i, q->first, s->steps) {
+        LOOP (i, q->first, s->steps) {
             const double here = tried[i] + eps[i];
             const double next = next_slack(t[i], length * dt[i], here, least);
             theta += next - here;
             product[i] *= next;
             beyond |= !(product[i] > 1e-200 && product[i] < 1e200);
         }
-        if (beyond)
-            flush_products(s, product, &point->logarithms);
+        if (beyond) flush_products(s, product, &point->logarithms);
     }
-    for (int64_t i = 0; i < s->steps; i++)
-        add_logarithm(&point->logarithms, &last, product[i]);
+    for (int64_t i = 0; i < s->steps; i++) add_logarithm(&point->logarithms, &last, product[i]);
     point->logarithms += log(last);
     point->theta += theta;
 }
@@ -103,7 +101,7 @@ static void accept_rows(core *s, double primal, double dual) {
         const inequality *q = s->rows + k;
         double *restrict t = q->t, *restrict y = q->y;
         const double *dt = q->dt, *dy = q->dy, *tried = q->tried, *eps = q->eps;
-        LOOP(i, q->first, s->steps) {
+        LOOP (i, q->first, s->steps) {
             t[i] = next_slack(t[i], primal * dt[i], tried[i] + eps[i], least);
             y[i] = clip_multiplier(y[i] + dual * dy[i], t[i], mu);
         }
@@ -118,7 +116,7 @@ static double stationarity_of_rows(core *s) {
     for (int64_t k = 0; k < s->row_count; k++) {
         const inequality *q = s->rows + k;
         const double *t = q->t, *y = q->y, *value = q->value, *eps = q->eps;
-        LOOP(i, q->first, s->steps) {
+        LOOP (i, q->first, s->steps) {
             residual[i] = max_or_nan(fabs(value[i] + eps[i] - t[i]), residual[i]);
             wrong[i] = max_or_nan(fabs(t[i] * y[i] - mu), wrong[i]);
             total += y[i];
@@ -127,7 +125,7 @@ static double stationarity_of_rows(core *s) {
     for (int64_t k = 0; k < s->bound_count; k++) {
         const double *z = s->bounds[k].row->y, sign = s->bounds[k].sign;
         double *restrict pull = s->bounds[k].pull;
-        LOOP(i, 0, s->steps) pull[i] -= sign * z[i];
+        LOOP (i, 0, s->steps) pull[i] -= sign * z[i];
     }
     return total;
 }
@@ -137,23 +135,23 @@ static void step_of_rows(core *s) {
     for (int64_t k = 0; k < s->bound_count; k++) {
         const double *dx = s->bounds[k].dx, sign = s->bounds[k].sign;
         double *restrict dt = s->bounds[k].row->dt;
-        LOOP(i, 0, s->steps) dt[i] = sign * dx[i];
+        LOOP (i, 0, s->steps) dt[i] = sign * dx[i];
     }
     for (int64_t k = 0; k < s->row_count; k++) {
         const double *t = s->rows[k].t, *dt = s->rows[k].dt, *y = s->rows[k].y, mu = s->mu;
         double *restrict dy = s->rows[k].dy;
-        LOOP(i, s->rows[k].first, s->steps) dy[i] = (mu - y[i] * dt[i]) / t[i] - y[i];
+        LOOP (i, s->rows[k].first, s->steps) dy[i] = (mu - y[i] * dt[i]) / t[i] - y[i];
     }
 }
 
 /* Largest decreases of primal and dual values, as shares of them; slope of the barrier terms. */
 static void boundary_of_rows(core *s, double *primal, double *dual, double *slope) {
     double *restrict most = s->pull, *restrict other = s->pull + s->wide, sum = 0.0;
-    LOOP(i, 0, s->steps) most[i] = other[i] = 0.0;
+    LOOP (i, 0, s->steps) most[i] = other[i] = 0.0;
     for (int64_t k = 0; k < s->row_count; k++) {
         const inequality *q = s->rows + k;
         const double *t = q->t, *dt = q->dt, *y = q->y, *dy = q->dy;
-        LOOP(i, q->first, s->steps) {
+        LOOP (i, q->first, s->steps) {
             const double share = -dt[i] / t[i];
             most[i] = larger(most[i], share);
             other[i] = larger(other[i], -dy[i] / y[i]);
@@ -185,11 +183,9 @@ static void start_point(core *s) {
         for (int64_t r = 0; r < s->problem->head; r++)
             s->columns[r * wide + i] = s->start->head[i * s->problem->head + r];
     }
-    for (int64_t r = 0; r < n; r++)
-        s->v[r * wide] = s->start->initial[r];
+    for (int64_t r = 0; r < n; r++) s->v[r * wide] = s->start->initial[r];
     s->level = push_inside(s->settings->guess, s->minimum, INFINITY, push);
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        start_of_slots(s, s->slots + k);
+    for (int64_t k = 0; k < s->problem->kinds; k++) start_of_slots(s, s->slots + k);
 }
 
 /* Mean level of the slots in use, which the shared level is drawn to. */
@@ -221,7 +217,7 @@ static void call_level(core *s, double level, double *out) {
 /* Scale the cost so that no entry of its gradient exceeds the limit. */
 static void rescale(core *s) {
     double *scales = s->columns + s->problem->head * s->wide, largest = 1e-12;
-    LOOP(i, 0, s->wide) scales[i] = 1.0;
+    LOOP (i, 0, s->wide) scales[i] = 1.0;
     call_drive(s, s->v);
     call_node(s);
     for (int64_t i = 0; i < s->steps; i++) {
@@ -231,7 +227,7 @@ static void rescale(core *s) {
             largest = larger(largest, fabs(s->node[(1 + r) * s->wide + i]));
     }
     s->scale = larger(smaller(1.0, s->settings->gradient / largest), 1e-8);
-    LOOP(i, 0, s->wide) scales[i] = s->scale;
+    LOOP (i, 0, s->wide) scales[i] = s->scale;
     s->level_p[0] = s->shared ? mean_level(s) : 0.0;
     s->level_p[LANES] = s->scale;
     for (int64_t k = 0; k < s->problem->kinds; k++)
@@ -280,8 +276,7 @@ static void take_multipliers(core *s) {
         for (int64_t j = 0; j < s->robot_count; j++)
             s->rows[j].y[i] = s->scale * given[at.inputs + j];
     }
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        take_of_slots(s, s->slots + k);
+    for (int64_t k = 0; k < s->problem->kinds; k++) take_of_slots(s, s->slots + k);
     s->mu = larger(s->mu, smaller(s->settings->barrier, mean_product(s)));
     given = s->start->multipliers;
     if (s->minimum > -INFINITY)
@@ -311,11 +306,10 @@ static void differentiate(core *s) {
     if (s->limits[0].count > 0) /* else `try_point` did */
         call_drive(s, s->v);
     call_node(s);
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        differentiate_slots(s, s->slots + k);
+    for (int64_t k = 0; k < s->problem->kinds; k++) differentiate_slots(s, s->slots + k);
     call_level(s, s->level, s->level_out);
     for (int64_t r = 0; r < s->n; r++)
-        LOOP(i, r * wide, r * wide + s->steps) s->gap[i] = s->drive[i] - s->v[i + 1];
+        LOOP (i, r * wide, r * wide + s->steps) s->gap[i] = s->drive[i] - s->v[i + 1];
 }
 
 /* Values at the point of a step length along the direction; `level` is that there.
@@ -325,16 +319,14 @@ static void differentiate(core *s) {
 static void try_point(core *s, double level) {
     const int64_t wide = s->wide, n = s->n;
     const double length = s->length;
-    LOOP(c, 0, s->w * wide) s->trial_v[c] = s->v[c] + length * s->dv[c];
-    LOOP(c, 0, n * wide)
-        s->trial_v[s->w * wide + c] = s->v[s->w * wide + c] + length * s->dpi[c];
+    LOOP (c, 0, s->w * wide) s->trial_v[c] = s->v[c] + length * s->dv[c];
+    LOOP (c, 0, n * wide) s->trial_v[s->w * wide + c] = s->v[s->w * wide + c] + length * s->dpi[c];
     for (int64_t r = 0; r < n; r++)
         memcpy(s->trial_vn + r * wide, s->trial_v + r * wide + 1, (size_t)s->steps * sizeof *s->v);
-    LOOP(i, 0, s->steps) s->trial_eps[i] = s->eps[i] + length * s->deps[i];
+    LOOP (i, 0, s->steps) s->trial_eps[i] = s->eps[i] + length * s->deps[i];
     call_drive(s, s->trial_v);
     call(s, &s->problem->node_values, wide, wide, s->trial_vn, s->columns, s->trial_node);
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        try_slots(s, s->slots + k, level);
+    for (int64_t k = 0; k < s->problem->kinds; k++) try_slots(s, s->slots + k, level);
     try_bounds(s);
     call_level(s, level, s->level_tried);
 }
@@ -343,14 +335,13 @@ static void try_point(core *s, double level) {
 static merit merit_of(core *s, double level) {
     const int64_t wide = s->wide;
     merit point = {0.0, s->level_tried[0], 0.0, 0.0};
-    LOOP(i, 0, s->steps) point.cost += s->drive[s->n * wide + i] + s->trial_node[i];
+    LOOP (i, 0, s->steps) point.cost += s->drive[s->n * wide + i] + s->trial_node[i];
     for (int64_t r = 0; r < s->n; r++)
-        LOOP(i, r * wide, r * wide + s->steps)
+        LOOP (i, r * wide, r * wide + s->steps)
             point.theta += fabs(s->drive[i] - s->trial_v[i + 1]);
     point.plain = point.cost;
     merit_of_rows(s, &point);
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        merit_of_slots(s, s->slots + k, &point);
+    for (int64_t k = 0; k < s->problem->kinds; k++) merit_of_slots(s, s->slots + k, &point);
     if (s->slot_count) {
         double product = 1.0;
         for (int64_t i = 0; i < s->steps; i++) {
@@ -359,8 +350,7 @@ static merit merit_of(core *s, double level) {
         }
         point.logarithms += log(product);
     }
-    if (s->minimum > -INFINITY)
-        point.logarithms += log(level - s->minimum);
+    if (s->minimum > -INFINITY) point.logarithms += log(level - s->minimum);
     return point;
 }
 
@@ -372,17 +362,17 @@ static double stationarity_of_path(core *s) {
     for (int64_t r = 0; r < w; r++) {
         double *restrict pull = s->pull + r * wide;
         const double *gradient = s->drive + (n + 1 + r) * wide;
-        LOOP(i, 0, wide) pull[i] = gradient[i];
+        LOOP (i, 0, wide) pull[i] = gradient[i];
         for (int64_t c = 0; c < n; c++) {
             const double *slope = s->drive + (s->at_jacobian + c * w + r) * wide;
-            LOOP(i, 0, wide) pull[i] += slope[i] * pi[c * wide + i];
+            LOOP (i, 0, wide) pull[i] += slope[i] * pi[c * wide + i];
         }
         pull[s->steps] = 0.0;
     }
     for (int64_t r = 0; r < n; r++) {
         double *restrict pull = s->pull + r * wide;
         pull[0] = 0.0; /* x_0 is given */
-        LOOP(i, 0, s->steps) {
+        LOOP (i, 0, s->steps) {
             pull[i + 1] += s->node[(1 + r) * wide + i] - pi[r * wide + i];
             total += fabs(pi[r * wide + i]);
         }
@@ -397,14 +387,13 @@ static void stationarity_of_limits(core *s, const limits *rows) {
             const double *slope = rows->slope + (j * rows->width + r) * s->wide;
             const double *y = rows->rows[j].y;
             double *restrict pull = s->pull + r * s->wide + rows->after;
-            LOOP(i, rows->rows[j].first, s->steps) pull[i] -= y[i] * slope[i];
+            LOOP (i, rows->rows[j].first, s->steps) pull[i] -= y[i] * slope[i];
         }
 }
 
 /* Raise a number to the largest of a row; NaN wins. */
 static double largest_of(const double *values, int64_t count, double most) {
-    for (int64_t i = 0; i < count; i++)
-        most = max_or_nan(fabs(values[i]), most);
+    for (int64_t i = 0; i < count; i++) most = max_or_nan(fabs(values[i]), most);
     return most;
 }
 
@@ -417,17 +406,13 @@ typedef struct {
 static errors errors_of(core *s) {
     const int64_t wide = s->wide, steps = s->steps;
     double force = s->level_out[LANES], primal = 0.0, dual = 0.0, wrong = 0.0;
-    LOOP(c, 0, TALLIES * wide) s->tally[c] = 0.0;
+    LOOP (c, 0, TALLIES * wide) s->tally[c] = 0.0;
     double total = stationarity_of_path(s);
-    for (int64_t k = 0; k < 2; k++)
-        stationarity_of_limits(s, s->limits + k);
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        force += stationarity_of_slots(s, s->slots + k);
+    for (int64_t k = 0; k < 2; k++) stationarity_of_limits(s, s->limits + k);
+    for (int64_t k = 0; k < s->problem->kinds; k++) force += stationarity_of_slots(s, s->slots + k);
     total += stationarity_of_rows(s);
-    for (int64_t r = 0; r < s->n; r++)
-        primal = largest_of(s->gap + r * wide, steps, primal);
-    for (int64_t r = 0; r < s->w; r++)
-        dual = largest_of(s->pull + r * wide, steps + 1, dual);
+    for (int64_t r = 0; r < s->n; r++) primal = largest_of(s->gap + r * wide, steps, primal);
+    for (int64_t r = 0; r < s->w; r++) dual = largest_of(s->pull + r * wide, steps + 1, dual);
     for (int64_t k = 0; k < s->problem->kinds; k++)
         for (int64_t at = 0; at < s->slots[k].own * s->slots[k].columns; at += wide)
             dual = largest_of(s->slots[k].pull + at, steps, dual);
@@ -459,18 +444,18 @@ static void add_limits(core *s, const limits *rows) {
     double *restrict sigma = s->pull, *restrict force = s->pull + wide;
     for (int64_t j = 0; j < rows->count; j++) {
         const inequality *q = rows->rows + j;
-        LOOP(i, q->first, s->steps) {
+        LOOP (i, q->first, s->steps) {
             sigma[i] = q->y[i] / q->t[i];
             force[i] = s->mu / q->t[i] - sigma[i] * (q->value[i] - q->t[i]);
         }
         for (int64_t r = 0; r < rows->width; r++) {
             const double *slope = rows->slope + (j * rows->width + r) * wide;
             double *restrict into = s->gradient + r * wide + rows->after;
-            LOOP(i, q->first, s->steps) into[i] -= force[i] * slope[i];
+            LOOP (i, q->first, s->steps) into[i] -= force[i] * slope[i];
             for (int64_t c = 0; c <= r; c++) {
                 const double *other = rows->slope + (j * rows->width + c) * wide;
                 into = s->hessian + triangle(r, c) * wide + rows->after;
-                LOOP(i, q->first, s->steps) into[i] += sigma[i] * slope[i] * other[i];
+                LOOP (i, q->first, s->steps) into[i] += sigma[i] * slope[i] * other[i];
             }
         }
     }
@@ -482,7 +467,7 @@ static void add_bounds(core *s) {
         const double *t = s->bounds[k].row->t, *z = s->bounds[k].row->y;
         const double force = s->bounds[k].sign * s->mu;
         double *restrict curve = s->bounds[k].curve, *restrict gradient = s->bounds[k].gradient;
-        LOOP(i, 0, s->steps) {
+        LOOP (i, 0, s->steps) {
             curve[i] += z[i] / t[i];
             gradient[i] -= force / t[i];
         }
@@ -495,7 +480,7 @@ static void eliminate_slack(core *s) {
     const int64_t wide = s->wide, count = s->seen_count, last = count + s->shared;
     double *restrict inverse = s->pull, *restrict side = s->force + last * wide;
     double *own = s->region + triangle(last, last) * wide;
-    LOOP(i, 0, s->steps) {
+    LOOP (i, 0, s->steps) {
         own[i] += s->nu[i] / s->eps[i];
         side[i] += s->rho - s->mu / s->eps[i];
         inverse[i] = 1.0 / own[i];
@@ -504,20 +489,20 @@ static void eliminate_slack(core *s) {
         const double *row = s->region + triangle(last, r) * wide, *force = s->force + r * wide;
         if (r < count) {
             double *restrict into = s->gradient + s->seen[r] * wide + 1;
-            LOOP(i, 0, s->steps) into[i] += force[i] - row[i] * inverse[i] * side[i];
+            LOOP (i, 0, s->steps) into[i] += force[i] - row[i] * inverse[i] * side[i];
         } else
-            LOOP(i, 0, s->steps) s->top[1] += force[i] - row[i] * inverse[i] * side[i];
+            LOOP (i, 0, s->steps) s->top[1] += force[i] - row[i] * inverse[i] * side[i];
         for (int64_t c = 0; c <= r; c++) {
             const double *other = s->region + triangle(last, c) * wide;
             const double *both = s->region + triangle(r, c) * wide;
             if (r == count && c == count) {
-                LOOP(i, 0, s->steps) s->top[0] += both[i] - row[i] * inverse[i] * other[i];
+                LOOP (i, 0, s->steps) s->top[0] += both[i] - row[i] * inverse[i] * other[i];
                 continue;
             }
-            double *restrict into =
-                r < count ? s->hessian + triangle(s->seen[r], s->seen[c]) * wide + 1
-                          : s->cross + s->seen[c] * wide + 1;
-            LOOP(i, 0, s->steps) into[i] += both[i] - row[i] * inverse[i] * other[i];
+            double *restrict into = r < count
+                                        ? s->hessian + triangle(s->seen[r], s->seen[c]) * wide + 1
+                                        : s->cross + s->seen[c] * wide + 1;
+            LOOP (i, 0, s->steps) into[i] += both[i] - row[i] * inverse[i] * other[i];
         }
     }
 }
@@ -529,23 +514,20 @@ static int condense(core *s) {
     s->top[0] = s->level_out[2 * LANES];
     s->top[1] = s->level_out[LANES];
     for (int64_t k = 0; k < s->problem->kinds; k++)
-        if (!condense_slots(s, s->slots + k))
-            return 0;
-    if (s->slot_count)
-        eliminate_slack(s);
+        if (!condense_slots(s, s->slots + k)) return 0;
+    if (s->slot_count) eliminate_slack(s);
     for (int64_t r = 0; r < n; r++) {
         double *restrict into = s->gradient + r * wide + 1;
         const double *given = s->node + (1 + r) * wide;
-        LOOP(i, 0, s->steps) into[i] += given[i];
+        LOOP (i, 0, s->steps) into[i] += given[i];
         for (int64_t c = 0; c <= r; c++) {
             into = s->hessian + triangle(r, c) * wide + 1;
             given = s->node + (1 + n + r * n + c) * wide;
-            LOOP(i, 0, s->steps) into[i] += given[i];
+            LOOP (i, 0, s->steps) into[i] += given[i];
         }
     }
     add_bounds(s);
-    for (int64_t k = 0; k < 2; k++)
-        add_limits(s, s->limits + k);
+    for (int64_t k = 0; k < 2; k++) add_limits(s, s->limits + k);
     if (s->minimum > -INFINITY) {
         double inverse = 1.0 / (s->level - s->minimum);
         s->top[0] += s->zs * inverse;
@@ -562,14 +544,13 @@ static int direction(core *s) {
     s->delta = 0.0;
     while (s->delta < WB_LARGEST_SHIFT) {
         if (condense(s) && recursion->backward(s)) {
-            if (s->delta == 0.0)
-                s->delta = last;
+            if (s->delta == 0.0) s->delta = last;
             recursion->forward(s);
             return 1;
         }
         if (s->delta == 0.0)
-            s->delta = last == 0.0 ? WB_FIRST_SHIFT
-                                   : larger(WB_SMALLEST_SHIFT, last / WB_SHIFT_DECREASE);
+            s->delta =
+                last == 0.0 ? WB_FIRST_SHIFT : larger(WB_SMALLEST_SHIFT, last / WB_SHIFT_DECREASE);
         else
             s->delta *= last == 0.0 ? WB_FIRST_GROWTH : WB_SHIFT_GROWTH;
     }
@@ -580,13 +561,13 @@ static int direction(core *s) {
 static void recover_slack(core *s) {
     const int64_t wide = s->wide, last = s->seen_count + s->shared;
     const double *side = s->force + last * wide, *own = s->region + triangle(last, last) * wide;
-    LOOP(i, 0, s->steps) s->deps[i] = side[i];
+    LOOP (i, 0, s->steps) s->deps[i] = side[i];
     for (int64_t r = 0; r < last; r++) {
         const double *row = s->region + triangle(last, r) * wide;
         const double *dx = r < s->seen_count ? s->dv + s->seen[r] * wide + 1 : NULL;
-        LOOP(i, 0, s->steps) s->deps[i] += row[i] * (dx ? dx[i] : s->dlevel);
+        LOOP (i, 0, s->steps) s->deps[i] += row[i] * (dx ? dx[i] : s->dlevel);
     }
-    LOOP(i, 0, s->steps) {
+    LOOP (i, 0, s->steps) {
         s->deps[i] = -s->deps[i] / own[i];
         s->dnu[i] = (s->mu - s->nu[i] * s->deps[i]) / s->eps[i] - s->nu[i];
     }
@@ -600,17 +581,13 @@ static void recover_slack(core *s) {
 static void refine_multipliers(core *s) {
     for (int64_t i = 0; i < s->steps; i++) {
         const inequality *which = NULL, *q = s->rows, *end = s->rows + s->bounds_from;
-        if (s->nu[i] > 0.9 * s->rho)
-            continue;
+        if (s->nu[i] > 0.9 * s->rho) continue;
         for (q += s->robot_count; q < end; q++)
-            if (!which || q->y[i] > which->y[i])
-                which = q;
-        if (!which || which->y[i] < 0.1 * s->rho)
-            continue;
+            if (!which || q->y[i] > which->y[i]) which = q;
+        if (!which || which->y[i] < 0.1 * s->rho) continue;
         double next = s->rho - s->nu[i] - s->dnu[i];
         for (q = s->rows + s->robot_count; q < end; q++)
-            if (q != which)
-                next -= q->y[i] + q->dy[i];
+            if (q != which) next -= q->y[i] + q->dy[i];
         which->dy[i] = next - which->y[i];
         which->dt[i] = (s->mu - which->t[i] * next) / which->y[i];
     }
@@ -620,11 +597,11 @@ static void refine_multipliers(core *s) {
 static void step_of_limits(core *s, const limits *rows) {
     for (int64_t j = 0; j < rows->count; j++) {
         const inequality *q = rows->rows + j;
-        LOOP(i, q->first, s->steps) q->dt[i] = q->value[i] - q->t[i];
+        LOOP (i, q->first, s->steps) q->dt[i] = q->value[i] - q->t[i];
         for (int64_t r = 0; r < rows->width; r++) {
             const double *slope = rows->slope + (j * rows->width + r) * s->wide;
             const double *move = s->dv + r * s->wide + rows->after;
-            LOOP(i, q->first, s->steps) q->dt[i] += slope[i] * move[i];
+            LOOP (i, q->first, s->steps) q->dt[i] += slope[i] * move[i];
         }
     }
 }
@@ -640,25 +617,21 @@ static reach measure_step(core *s) {
     double primal = 0.0, dual = 0.0;
     reach step = {0.0, 0.0, s->level_out[LANES] * s->dlevel, 0.0};
     for (int64_t r = 0; r < s->w; r++)
-        LOOP(i, r * s->wide, r * s->wide + s->steps)
+        LOOP (i, r * s->wide, r * s->wide + s->steps)
             step.slope += s->drive[(s->n + 1) * s->wide + i] * s->dv[i];
     for (int64_t r = 0; r < s->n; r++)
-        LOOP(i, r * s->wide, r * s->wide + s->steps)
+        LOOP (i, r * s->wide, r * s->wide + s->steps)
             step.slope += s->node[s->wide + i] * s->dv[i + 1];
     step.fall = step.slope;
-    for (int64_t k = 0; k < 2; k++)
-        step_of_limits(s, s->limits + k);
+    for (int64_t k = 0; k < 2; k++) step_of_limits(s, s->limits + k);
     if (s->slot_count) {
         recover_slack(s);
-        for (int64_t k = 0; k < s->problem->kinds; k++)
-            expand_slots(s, s->slots + k);
+        for (int64_t k = 0; k < s->problem->kinds; k++) expand_slots(s, s->slots + k);
     }
     step_of_rows(s);
-    if (s->slot_count)
-        refine_multipliers(s);
+    if (s->slot_count) refine_multipliers(s);
     boundary_of_rows(s, &primal, &dual, &step.slope);
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        step.slope += slope_of_slots(s, s->slots + k);
+    for (int64_t k = 0; k < s->problem->kinds; k++) step.slope += slope_of_slots(s, s->slots + k);
     for (int64_t i = 0; s->slot_count && i < s->steps; i++) {
         step.slope += (s->rho - s->mu / s->eps[i]) * s->deps[i];
         step.fall += s->rho * s->deps[i];
@@ -680,8 +653,8 @@ static reach measure_step(core *s) {
 /* Take the step. */
 static void accept(core *s, double primal, double dual) {
     const int64_t w = s->w, wide = s->wide;
-    LOOP(c, 0, w * wide) s->v[c] += primal * s->dv[c];
-    LOOP(c, 0, s->n * wide) s->v[w * wide + c] += primal * s->dpi[c];
+    LOOP (c, 0, w * wide) s->v[c] += primal * s->dv[c];
+    LOOP (c, 0, s->n * wide) s->v[w * wide + c] += primal * s->dpi[c];
     for (int64_t i = 0; s->slot_count && i < s->steps; i++) {
         s->eps[i] += primal * s->deps[i];
         s->nu[i] = clip_multiplier(s->nu[i] + dual * s->dnu[i], s->eps[i], s->mu);
@@ -689,17 +662,15 @@ static void accept(core *s, double primal, double dual) {
     s->level += primal * s->dlevel;
     if (s->minimum > -INFINITY)
         s->zs = clip_multiplier(s->zs + dual * s->dzs, s->level - s->minimum, s->mu);
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        accept_slots(s->slots + k, primal);
+    for (int64_t k = 0; k < s->problem->kinds; k++) accept_slots(s->slots + k, primal);
     accept_rows(s, primal, dual);
 }
 
 /* Return to states, inputs and own variables before the step, the last that were finite. */
 static void undo_step(core *s) {
-    LOOP(c, 0, s->w * s->wide) s->v[c] -= s->length * s->dv[c];
+    LOOP (c, 0, s->w * s->wide) s->v[c] -= s->length * s->dv[c];
     s->level -= s->length * s->dlevel;
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        undo_slots(s->slots + k, s->length);
+    for (int64_t k = 0; k < s->problem->kinds; k++) undo_slots(s->slots + k, s->length);
 }
 
 /* ---- Filter line search, barrier and price */
@@ -717,17 +688,15 @@ static int filter_accepts(core *s, double slope, double theta, double phi, doubl
         s->theta_most = WB_LARGEST_RESIDUAL * larger(1.0, theta);
         s->theta_least = WB_SMALL_RESIDUAL * larger(1.0, theta);
     }
-    if (larger(theta, new_theta) <= WB_STILL_RESIDUAL
-        && fabs(new_phi - phi) <= WB_STILL_CHANGE * fabs(phi))
+    if (larger(theta, new_theta) <= WB_STILL_RESIDUAL &&
+        fabs(new_phi - phi) <= WB_STILL_CHANGE * fabs(phi))
         return ACCEPT;
-    if (!(new_theta <= s->theta_most && isfinite(new_phi)))
-        return REFUSE;
+    if (!(new_theta <= s->theta_most && isfinite(new_phi))) return REFUSE;
     for (int64_t k = 0; k < s->entries; k++)
-        if (new_theta >= s->filter[2 * k] && new_phi >= s->filter[2 * k + 1])
-            return REFUSE;
+        if (new_theta >= s->filter[2 * k] && new_phi >= s->filter[2 * k + 1]) return REFUSE;
     const double rounding = WB_ROUNDING * fabs(phi), length = s->length;
-    if (theta <= s->theta_least && slope < 0.0
-        && length * pow(-slope, WB_SLOPE_POWER) > pow(theta, WB_RESIDUAL_POWER))
+    if (theta <= s->theta_least && slope < 0.0 &&
+        length * pow(-slope, WB_SLOPE_POWER) > pow(theta, WB_RESIDUAL_POWER))
         return new_phi <= phi + WB_ARMIJO * length * slope + rounding ? ACCEPT : REFUSE;
     if (new_theta <= (1.0 - WB_MARGIN) * theta || new_phi <= phi - WB_MARGIN * theta + rounding)
         return ACCEPT_AND_ADD;
@@ -768,15 +737,16 @@ static void raise_price(core *s) {
 /* Whether the whole Newton step keeps phi, all residuals being small and mu the last one. */
 static int is_settled(const core *s, double primal, double slope, const merit *present) {
     const double tolerance = s->settings->tolerance;
-    return s->mu <= WB_LAST_BARRIER * tolerance && primal <= tolerance
-           && fabs(slope) <= WB_SETTLED_SLOPE * fabs(present->cost - s->mu * present->logarithms);
+    return s->mu <= WB_LAST_BARRIER * tolerance && primal <= tolerance &&
+           fabs(slope) <= WB_SETTLED_SLOPE * fabs(present->cost - s->mu * present->logarithms);
 }
 
 /* How this start will end where it will not lead to a better plan than those known, or -1.
  *
  * It leads to the same plan where both the present point and that of the whole Newton step are near
  * it. It leads to a dearer one where regions are hardly entered and the cost `ahead`, that of the
- * whole step by the cost's slope less what the barrier may still be worth, is far above the best. */
+ * whole step by the cost's slope less what the barrier may still be worth, is far above the best.
+ */
 static int hopeless(const core *s, double ahead, double entered) {
     const double best = s->settings->best, within = s->settings->within;
     const double *plan = s->start->plans;
@@ -788,8 +758,7 @@ static int hopeless(const core *s, double ahead, double entered) {
                 here = larger(here, fabs(off));
                 there = larger(there, fabs(off + s->dv[s->seen[e] * s->wide + i]));
             }
-        if (here < within && there < WB_SAME_TARGET * within)
-            return WB_SAME;
+        if (here < within && there < WB_SAME_TARGET * within) return WB_SAME;
     }
     if (entered < WB_HARDLY_ENTERED && ahead > best + WB_MUCH_DEARER * (1.0 + fabs(best)))
         return WB_DEARER;
@@ -806,10 +775,8 @@ static void write_results(core *s, double cost) {
     double *into = result->multipliers;
     memcpy(result->states, s->start->initial, (size_t)n * sizeof *result->states);
     for (int64_t i = 0; i < s->steps; i++) {
-        for (int64_t r = 0; r < n; r++)
-            result->states[(i + 1) * n + r] = s->v[r * wide + i + 1];
-        for (int64_t r = 0; r < s->m; r++)
-            result->inputs[i * s->m + r] = s->v[(n + r) * wide + i];
+        for (int64_t r = 0; r < n; r++) result->states[(i + 1) * n + r] = s->v[r * wide + i + 1];
+        for (int64_t r = 0; r < s->m; r++) result->inputs[i * s->m + r] = s->v[(n + r) * wide + i];
         result->slack[i] = s->slot_count ? s->eps[i] : 0.0;
     }
     for (int64_t i = 0; into && i < s->steps; i++, into += at.width) {
@@ -817,15 +784,13 @@ static void write_results(core *s, double cost) {
             into[r] = s->zl[r * wide + i] / s->scale;
             into[at.upper + r] = s->zu[r * wide + i] / s->scale;
         }
-        for (int64_t r = 0; r < n; r++)
-            into[at.dynamics + r] = s->v[(w + r) * wide + i] / s->scale;
+        for (int64_t r = 0; r < n; r++) into[at.dynamics + r] = s->v[(w + r) * wide + i] / s->scale;
         for (int64_t j = 0; j < s->robot_count; j++)
             into[at.inputs + j] = s->rows[j].y[i] / s->scale;
         into[at.slack] = s->slot_count ? s->nu[i] / s->scale : 0.0;
         into[at.level] = s->zs / s->scale;
     }
-    for (int64_t k = 0; k < s->problem->kinds; k++)
-        write_slots(s, s->slots + k);
+    for (int64_t k = 0; k < s->problem->kinds; k++) write_slots(s, s->slots + k);
     result->cost = cost / s->scale;
     result->level = s->level;
 }
@@ -842,8 +807,7 @@ enum { ALIGNED = 8 }; /* doubles; a processor loads up to so many at once */
 
 static void *take(block *b, int64_t count) {
     void *place = b->base ? (void *)(b->base + b->used) : NULL;
-    if (place)
-        memset(place, 0, (size_t)count * sizeof *b->base);
+    if (place) memset(place, 0, (size_t)count * sizeof *b->base);
     b->used += (count + ALIGNED - 1) / ALIGNED * ALIGNED;
     return place;
 }
@@ -932,12 +896,10 @@ static void lay_out_quadratic(core *s, block *b) {
  * on, followed by the level and the slack. */
 static void order_slots(core *s, slots *o) {
     const int64_t inner = o->own + o->stated - o->unequal;
-    for (int64_t r = 0; r < o->w; r++)
-        o->order[r] = r < o->first ? inner + r : r - o->first;
+    for (int64_t r = 0; r < o->w; r++) o->order[r] = r < o->first ? inner + r : r - o->first;
     for (int64_t e = 0; e < o->kind->entries; e++) {
         int64_t place = 0, entry = o->kind->depends[e];
-        while (place < s->seen_count && s->seen[place] != entry)
-            place++;
+        while (place < s->seen_count && s->seen[place] != entry) place++;
         s->seen[place] = entry;
         s->seen_count += place == s->seen_count;
         o->place[e] = place;
@@ -969,8 +931,7 @@ static void lay_out(core *s, block *b) {
     s->rows = take_things(b, rows + bounds, sizeof *s->rows);
     s->spare = take(b, (2 * s->robot_count + rows + 4 * bounds) * s->wide);
     s->seen_count = b->base ? 0 : s->n; /* at most */
-    for (int64_t k = 0; b->base && k < problem->kinds; k++)
-        order_slots(s, s->slots + k);
+    for (int64_t k = 0; b->base && k < problem->kinds; k++) order_slots(s, s->slots + k);
     for (int64_t k = 0; b->base && k < problem->kinds; k++) {
         s->slots[k].place[s->slots[k].kind->entries] = s->seen_count;
         s->slots[k].place[s->slots[k].first] = s->seen_count + s->shared;
@@ -985,7 +946,8 @@ static double *spare_row(core *s) {
 }
 
 /* List an inequality from step `first` on, with a row for its slack and its step. */
-static inequality *add_row(core *s, int64_t first, const double *value, const double *tried, double *y) {
+static inequality *add_row(core *s, int64_t first, const double *value, const double *tried,
+                           double *y) {
     inequality *q = s->rows + s->row_count++;
     const inequality made = {first, value, tried, s->none, s->none, NULL, NULL, y, spare_row(s)};
     *q = made;
@@ -999,9 +961,10 @@ static void list_limits(core *s) {
     double *c = s->drive + (s->at_hessian + w * w) * wide, *g = s->node + (1 + n + n * n) * wide;
     for (int64_t j = 0; j < s->robot_count; j++) {
         const int64_t k = j - inputs, first = k >= s->problem->node_rows ? s->steps - 1 : 0;
-        inequality *q = k < 0 ? add_row(s, first, c + j * wide, c + j * wide, s->v + (w + n + j) * wide)
-                       : add_row(s, first, g + k * wide, s->trial_node + (1 + k) * wide,
-                                 s->vn + (n + k) * wide);
+        inequality *q =
+            k < 0 ? add_row(s, first, c + j * wide, c + j * wide, s->v + (w + n + j) * wide)
+                  : add_row(s, first, g + k * wide, s->trial_node + (1 + k) * wide,
+                            s->vn + (n + k) * wide);
         q->t = spare_row(s), q->dt = spare_row(s);
     }
     const limits on_inputs = {inputs, w, 0, s->rows, c + inputs * wide};
@@ -1022,8 +985,7 @@ static void list_slots(core *s, const slots *o) {
 
 /* List a bound with its multiplier, unless it is infinite. */
 static void list_bound(core *s, bound b, double at, double sign, double *z) {
-    if (!isfinite(at))
-        return;
+    if (!isfinite(at)) return;
     b.tried = spare_row(s);
     inequality *q = add_row(s, 0, NULL, b.tried, z);
     q->t = spare_row(s), q->dt = spare_row(s);
@@ -1037,16 +999,24 @@ static void list_bounds(core *s) {
     const double *lower = s->problem->lower, *upper = s->problem->upper;
     for (int64_t r = 0; r < s->w; r++) {
         const int64_t line = r * s->wide, after = r < s->n, at = line + after;
-        const bound b = {NULL, 0.0, 0.0, s->dv + at, s->trial_v + at, NULL, s->pull + at,
-                         s->hessian + triangle(r, r) * s->wide + after, s->gradient + at};
+        const bound b = {NULL,
+                         0.0,
+                         0.0,
+                         s->dv + at,
+                         s->trial_v + at,
+                         NULL,
+                         s->pull + at,
+                         s->hessian + triangle(r, r) * s->wide + after,
+                         s->gradient + at};
         list_bound(s, b, lower[r], 1.0, s->zl + line);
         list_bound(s, b, upper[r], -1.0, s->zu + line);
     }
     s->path_bounds = s->bound_count;
     for (const slots *o = s->slots; o < s->slots + s->problem->kinds; o++)
         for (int64_t at = 0; at < o->own * o->columns; at += s->wide) {
-            const bound b = {NULL, 0.0, 0.0, o->da + at, o->trial + o->first * o->columns + at,
-                             NULL, o->pull + at, NULL, NULL};
+            const bound b = {
+                NULL, 0.0,          0.0,  o->da + at, o->trial + o->first * o->columns + at,
+                NULL, o->pull + at, NULL, NULL};
             list_bound(s, b, o->kind->lower[at / o->columns], 1.0, o->zl + at);
             list_bound(s, b, o->kind->upper[at / o->columns], -1.0, o->zu + at);
         }
@@ -1063,8 +1033,7 @@ static int64_t count_of_slots(const core *s) {
 /* Lay out the memory, and list slots in use, inequalities and bounds. */
 static void prepare(core *s, double *memory) {
     block b = {memory, 0};
-    while ((uintptr_t)b.base % (ALIGNED * sizeof *memory))
-        b.base++;
+    while ((uintptr_t)b.base % (ALIGNED * sizeof *memory)) b.base++;
     lay_out(s, &b);
     list_limits(s);
     for (int64_t k = 0; k < s->problem->kinds; k++) {
@@ -1072,15 +1041,14 @@ static void prepare(core *s, double *memory) {
         int64_t count = 0;
         o->given = s->start->slots + k;
         for (int64_t slot = 0; slot < o->kind->slots; slot++)
-            if (o->given->active[slot] > 0.0)
-                o->active[count++] = slot;
+            if (o->given->active[slot] > 0.0) o->active[count++] = slot;
         list_slots(s, o);
     }
     s->bounds_from = s->row_count;
     list_bounds(s);
     const int64_t always = s->robot_count - s->problem->final_rows + s->path_bounds + s->n;
-    s->multiplier_count = count_of_slots(s) + s->problem->final_rows
-                          + (always + (s->slot_count > 0)) * s->steps;
+    s->multiplier_count =
+        count_of_slots(s) + s->problem->final_rows + (always + (s->slot_count > 0)) * s->steps;
 }
 
 #ifndef WB_LEVEL_3
@@ -1107,8 +1075,7 @@ typedef struct {
 /* Sum of the slack of all steps. */
 static double total_slack(const core *s) {
     double total = 0.0;
-    for (int64_t i = 0; s->slot_count && i < s->steps; i++)
-        total += s->eps[i];
+    for (int64_t i = 0; s->slot_count && i < s->steps; i++) total += s->eps[i];
     return total;
 }
 
@@ -1126,8 +1093,7 @@ static void begin(core *s, progress *now) {
     }
     try_point(s, s->level);
     start_slack(s);
-    if (s->settings->warm > 0.0)
-        take_multipliers(s);
+    if (s->settings->warm > 0.0) take_multipliers(s);
     memcpy(s->trial_eps, s->eps, (size_t)s->steps * sizeof *s->eps);
     now->present = merit_of(s, s->level);
     now->left = INFINITY;
@@ -1155,10 +1121,8 @@ static int search_line(core *s, progress *now) {
             }
             continue;
         }
-        if (forget && !isfinite(next))
-            return 0;
-        if (answer == ACCEPT_AND_ADD && !forget)
-            add_to_filter(s, present->theta, phi);
+        if (forget && !isfinite(next)) return 0;
+        if (answer == ACCEPT_AND_ADD && !forget) add_to_filter(s, present->theta, phi);
         accept(s, s->length, now->step.dual);
         now->present = tried;
         return 1;
@@ -1169,8 +1133,7 @@ static int search_line(core *s, progress *now) {
 static int64_t judge_converged(core *s, progress *now) {
     const double total = total_slack(s);
     merit *present = &now->present;
-    if (now->deepest <= WB_SLACK_LEFT * s->settings->tolerance)
-        return WB_SOLVED;
+    if (now->deepest <= WB_SLACK_LEFT * s->settings->tolerance) return WB_SOLVED;
     if (s->rho >= s->scale * s->settings->most_penalty || total > 0.99 * now->left)
         return WB_INFEASIBLE;
     if (s->settings->plans > 0.0 && present->cost > s->scale * s->settings->best)
@@ -1185,21 +1148,17 @@ static int64_t judge_converged(core *s, progress *now) {
 
 /* How a solve ends at the present point, or -1. */
 static int64_t judge(core *s, progress *now, const volatile int64_t *stop) {
-    if (!isfinite(now->error.all))
-        undo_step(s);
-    if (!isfinite(now->error.all) || s->failed_searches > WB_FAILURES)
-        return WB_FAILED;
+    if (!isfinite(now->error.all)) undo_step(s);
+    if (!isfinite(now->error.all) || s->failed_searches > WB_FAILURES) return WB_FAILED;
     now->deepest = 0.0;
     for (int64_t i = 0; s->slot_count && i < s->steps; i++)
         now->deepest = larger(now->deepest, s->eps[i]);
-    if (now->error.all <= s->settings->tolerance
-        || (now->settled >= WB_SETTLED_STEPS && now->deepest > WB_MUCH_SLACK)) {
+    if (now->error.all <= s->settings->tolerance ||
+        (now->settled >= WB_SETTLED_STEPS && now->deepest > WB_MUCH_SLACK)) {
         int64_t status = judge_converged(s, now);
-        if (status >= 0)
-            return status;
+        if (status >= 0) return status;
     }
-    if (stop && *stop)
-        return WB_STOPPED;
+    if (stop && *stop) return WB_STOPPED;
     return (double)now->iterations >= s->settings->iterations ? WB_LIMIT : -1;
 }
 
@@ -1209,24 +1168,21 @@ static int64_t iterate(core *s, progress *now, const volatile int64_t *stop) {
         differentiate(s);
         now->error = errors_of(s);
         int64_t status = judge(s, now, stop);
-        if (status >= 0)
-            return status;
+        if (status >= 0) return status;
         lower_barrier(s, &now->error);
-        if (!direction(s))
-            return WB_FAILED;
+        if (!direction(s)) return WB_FAILED;
         s->share = larger(WB_BOUNDARY_SHARE, 1.0 - s->mu);
         now->step = measure_step(s);
         int settled = is_settled(s, now->error.primal, now->step.slope, &now->present);
         now->settled = settled ? now->settled + 1 : 0;
         if (s->settings->plans > 0.0) {
-            const double barrier = s->mu * (double)(count_of_slots(s) + (2 * s->w + s->robot_count) * s->steps);
+            const double barrier =
+                s->mu * (double)(count_of_slots(s) + (2 * s->w + s->robot_count) * s->steps);
             const double ahead = now->present.cost + now->step.fall - barrier;
             status = hopeless(s, ahead / s->scale, total_slack(s));
-            if (status >= 0)
-                return status;
+            if (status >= 0) return status;
         }
-        if (!search_line(s, now))
-            return WB_FAILED;
+        if (!search_line(s, now)) return WB_FAILED;
     }
 }
 
@@ -1240,8 +1196,8 @@ void wb_solve(const wb_problem *problem, const wb_settings *settings, const wb_s
     prepare(&s, memory);
     begin(&s, &now);
     int64_t status = iterate(&s, &now, stop);
-    if (status == WB_LIMIT && now.error.primal <= settings->tolerance && s.slot_count
-        && now.deepest > WB_MUCH_SLACK) {
+    if (status == WB_LIMIT && now.error.primal <= settings->tolerance && s.slot_count &&
+        now.deepest > WB_MUCH_SLACK) {
         /* it converges slowly, but all that moves is how slack is shared out */
         status = WB_INFEASIBLE;
         now.left = INFINITY;

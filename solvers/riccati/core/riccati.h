@@ -25,16 +25,16 @@
 
 /* One kind of slots, K of them at every step. */
 typedef struct {
-    wb_kernel derivatives; /* (x's entries, s, a, y), (parameters, level, 1, drawn) -> (h, e),
-                              Jacobian, Hessian */
-    wb_kernel values;      /* the same -> (h, e) */
-    int64_t slots;         /* K */
-    int64_t parameters;    /* P, without the level */
-    int64_t levelled;      /* 1 where slots have a level of their own, else 0 */
-    int64_t entries;       /* number of the entries of x that h and e depend on */
-    int64_t inequalities;  /* rows of h, H */
-    int64_t equalities;    /* rows of e, E */
-    int64_t own;           /* own variables a, A */
+    wb_kernel derivatives;  /* (x's entries, s, a, y), (parameters, level, 1, drawn) -> (h, e),
+                               Jacobian, Hessian */
+    wb_kernel values;       /* the same -> (h, e) */
+    int64_t slots;          /* K */
+    int64_t parameters;     /* P, without the level */
+    int64_t levelled;       /* 1 where slots have a level of their own, else 0 */
+    int64_t entries;        /* number of the entries of x that h and e depend on */
+    int64_t inequalities;   /* rows of h, H */
+    int64_t equalities;     /* rows of e, E */
+    int64_t own;            /* own variables a, A */
     const int64_t *depends; /* (entries,), which entries of x */
     const double *lower;    /* (A,), -infinity where there is no bound */
     const double *upper;    /* (A,) */
@@ -92,7 +92,7 @@ typedef struct {
     const double *before;     /* (N, K, H + E + 2 A), given multipliers, NaN where a slot is new;
                                  read where settings.warm is 1 */
     double *found;            /* (N, K, A), result; slots not in use keep what stands there */
-    double *after;            /* (N, K, H + E + 2 A), multipliers, NaN in slots not in use; or NULL */
+    double *after; /* (N, K, H + E + 2 A), multipliers, NaN in slots not in use; or NULL */
 } wb_slots;
 
 /* What a solve starts from. Multipliers of a step: of the lower bounds of (x_{i+1}, u_i), of the
@@ -115,9 +115,9 @@ enum wb_status {
     WB_LIMIT,      /* of iterations */
     WB_INFEASIBLE, /* regions are entered, as little as was found */
     WB_FAILED,
-    WB_STOPPED,    /* by the flag */
-    WB_SAME,       /* given up: leads to a plan that is known */
-    WB_DEARER,     /* given up: leads to a plan dearer than the best that is known */
+    WB_STOPPED, /* by the flag */
+    WB_SAME,    /* given up: leads to a plan that is known */
+    WB_DEARER,  /* given up: leads to a plan dearer than the best that is known */
 };
 
 /* Results of a solve. */
@@ -128,10 +128,10 @@ typedef struct {
     double *multipliers; /* (N, M); or NULL */
     int64_t status;      /* enum wb_status */
     int64_t iterations;
-    double cost;         /* without slack and regularisation */
-    double level;        /* s */
-    double error;        /* of the optimality conditions */
-    double penalty;      /* last price of slack */
+    double cost;    /* without slack and regularisation */
+    double level;   /* s */
+    double error;   /* of the optimality conditions */
+    double penalty; /* last price of slack */
 } wb_result;
 
 /* Return the doubles of memory that a solve needs. */
@@ -164,7 +164,8 @@ void wb_solve(const wb_problem *problem, const wb_settings *settings, const wb_s
 
 /* A slack is set to the value of its constraint where that is at least this share of what the step
  * leads to. Otherwise the residuals of constraints that are far from active, which bend, cut steps
- * short: the exact sum then takes 11.4 iterations in the mean instead of 10.0, and fails at times. */
+ * short: the exact sum then takes 11.4 iterations in the mean instead of 10.0, and fails at times.
+ */
 #define WB_NEAR 0.9
 
 /* Multipliers stay within this factor of mu / gap, either way (eq. 16). */

@@ -59,15 +59,15 @@ typedef struct {
 typedef struct {
     const wb_kind *kind;
     const wb_slots *given;
-    int64_t *active, *order, *place; /* slots in use; see `order_slots` */
+    int64_t *active, *order, *place;                        /* slots in use; see `order_slots` */
     int64_t count, columns, own, unequal, stated, first, w; /* stated: h and e; first: x's entries
                                                                and s; w: with own variables */
-    double weight;              /* of the regularisation, scaled */
-    double *v, *p, *out;        /* for the function `derivatives` */
-    double *trial, *tried;      /* for the function `values` */
+    double weight;                                          /* of the regularisation, scaled */
+    double *v, *p, *out;                                    /* for the function `derivatives` */
+    double *trial, *tried;                                  /* for the function `values` */
     double *a, *y, *slope, *hessian; /* parts of them: own variables, multipliers; results */
     double *t, *dt, *zl, *zu, *drawn, *pull, *da; /* da: behind them new multipliers of -e */
-    double *back;               /* rows that give da from the steps of (x, s, eps, 1) */
+    double *back; /* rows that give da from the steps of (x, s, eps, 1) */
 } slots;
 
 typedef struct {
@@ -89,41 +89,37 @@ typedef struct {
     double *hessian, *gradient, *cross, *region, *force;
     double *stages, *product, *move, *next, *matrix;
     double *pull, *tally, *filter, *work;
-    double top[2]; /* curvature and slope of the level */
+    double top[2];             /* curvature and slope of the level */
     int64_t *seen, seen_count; /* entries of x that slots depend on */
     int64_t quadratic_size;
-    inequality *rows;     /* first those of the robot, then of slots, then of bounds */
-    bound *bounds; /* first those of states and inputs */
+    inequality *rows; /* first those of the robot, then of slots, then of bounds */
+    bound *bounds;    /* first those of states and inputs */
     int64_t row_count, robot_count, bounds_from, bound_count, path_bounds;
     double *spare;
     limits limits[2];
     slots *slots;
     int64_t slot_count, multiplier_count;
     /* single numbers */
-    double scale, mu, rho, level, dlevel, zs, dzs, minimum; /* zs: multiplier of the level's minimum */
+    double scale, mu, rho, level, dlevel, zs, dzs,
+        minimum; /* zs: multiplier of the level's minimum */
     double delta, theta_most, theta_least, length, share;
     int64_t entries, failed_searches; /* entries of the filter */
 } core;
 
-/* A point's residual theta; cost, with slack; logarithms, phi = cost - mu logarithms; plain cost. */
+/* A point's residual theta; cost, with slack; logarithms, phi = cost - mu logarithms; plain cost.
+ */
 typedef struct {
     double theta, cost, logarithms, plain;
 } merit;
 
 /* ---- Single numbers */
 
-static INLINE double larger(double a, double b) {
-    return b > a ? b : a;
-}
+static INLINE double larger(double a, double b) { return b > a ? b : a; }
 
-static INLINE double smaller(double a, double b) {
-    return b < a ? b : a;
-}
+static INLINE double smaller(double a, double b) { return b < a ? b : a; }
 
 /* Whichever is larger; NaN wins. */
-static INLINE double max_or_nan(double value, double most) {
-    return value <= most ? most : value;
-}
+static INLINE double max_or_nan(double value, double most) { return value <= most ? most : value; }
 
 static INLINE int64_t triangle(int64_t r, int64_t c) {
     return r >= c ? r * (r + 1) / 2 + c : c * (c + 1) / 2 + r;
@@ -146,15 +142,12 @@ static INLINE double clip_multiplier(double z, double gap, double mu) {
 
 /* A multiplier within a factor of mu / gap; NaN becomes mu / gap. */
 static double known_multiplier(double z, double gap, double mu) {
-    if (z != z)
-        return mu / gap;
+    if (z != z) return mu / gap;
     return larger(smaller(z, WB_WARM_RANGE * mu / gap), mu / (WB_WARM_RANGE * gap));
 }
 
 /* Longest step that keeps 1 - share of what decreases by at most `most` times its value. */
-static double longest_step(double most, double share) {
-    return most > share ? share / most : 1.0;
-}
+static double longest_step(double most, double share) { return most > share ? share / most : 1.0; }
 
 /* Move a value off its bounds by a share of the distance between them. */
 static double push_inside(double value, double lower, double upper, double push) {

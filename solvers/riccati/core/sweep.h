@@ -20,20 +20,16 @@
  */
 
 /* Numbers of a row: (x, u), two right-hand sides, padding. */
-static INLINE int64_t wide_row(int64_t w) {
-    return (w + 2 + 3) / 4 * 4;
-}
+static INLINE int64_t wide_row(int64_t w) { return (w + 2 + 3) / 4 * 4; }
 
 /* Write (A B gap) of stage i into its record. */
 static INLINE void load_dynamics(const core *s, int64_t n, int64_t w, int64_t i, double *ab) {
     const int64_t row = wide_row(w), wide = s->wide;
     for (int64_t r = 0; r < n; r++) {
         const double *slopes = s->drive + (s->at_jacobian + r * w) * wide + i;
-        for (int64_t c = 0; c < w; c++)
-            ab[r * row + c] = slopes[c * wide];
+        for (int64_t c = 0; c < w; c++) ab[r * row + c] = slopes[c * wide];
         ab[r * row + w] = s->gap[r * wide + i];
-        for (int64_t c = w + 1; c < row; c++)
-            ab[r * row + c] = 0.0;
+        for (int64_t c = w + 1; c < row; c++) ab[r * row + c] = 0.0;
     }
 }
 
@@ -49,8 +45,7 @@ static INLINE void load_quadratic(const core *s, int64_t n, int64_t w, int64_t i
         curve[r * row + r] += s->delta;
         curve[r * row + w] = s->gradient[r * wide + i] + s->drive[(n + 1 + r) * wide + i];
         curve[r * row + w + 1] = r < n ? s->cross[r * wide + i] : 0.0;
-        for (int64_t c = w + 2; c < row; c++)
-            curve[r * row + c] = 0.0;
+        for (int64_t c = w + 2; c < row; c++) curve[r * row + c] = 0.0;
     }
 }
 
@@ -61,13 +56,11 @@ static INLINE void add_value(int64_t n, int64_t w, const double *restrict ab,
     const int64_t row = wide_row(w);
     for (int64_t r = 0; r < n; r++) {
         double *line = product + r * row;
-        for (int64_t c = 0; c < row; c++)
-            line[c] = 0.0;
+        for (int64_t c = 0; c < row; c++) line[c] = 0.0;
         line[w] = value[r * row + w];
         line[w + 1] = value[r * row + w + 1];
         for (int64_t k = 0; k < n; k++)
-            for (int64_t c = 0; c < row; c++)
-                line[c] += value[r * row + k] * ab[k * row + c];
+            for (int64_t c = 0; c < row; c++) line[c] += value[r * row + k] * ab[k * row + c];
     }
     for (int64_t r = 0; r < w; r++)
         for (int64_t k = 0; k < n; k++)
@@ -80,16 +73,13 @@ static INLINE int eliminate_inputs(int64_t n, int64_t w, double *restrict curve,
     const int64_t row = wide_row(w);
     for (int64_t a = n; a < w; a++) {
         const double *restrict pivot = curve + a * row;
-        if (!(pivot[a] > WB_SMALLEST_PIVOT))
-            return 0;
+        if (!(pivot[a] > WB_SMALLEST_PIVOT)) return 0;
         const double inverse = 1.0 / pivot[a];
         for (int64_t r = 0; r < w; r++) {
-            if (r >= n && r <= a)
-                continue;
+            if (r >= n && r <= a) continue;
             const double factor = pivot[r] * inverse;
             double *restrict line = curve + r * row;
-            for (int64_t c = 0; c < row; c++)
-                line[c] -= factor * pivot[c];
+            for (int64_t c = 0; c < row; c++) line[c] -= factor * pivot[c];
         }
         top[0] -= pivot[w + 1] * inverse * pivot[w + 1];
         top[1] -= pivot[w + 1] * inverse * pivot[w];
@@ -105,13 +95,11 @@ static INLINE void solve_inputs(int64_t n, int64_t w, double *restrict curve) {
         const double inverse = -1.0 / line[a];
         for (int64_t b = a + 1; b < w; b++) {
             const double *restrict later = curve + b * row, factor = line[b];
-            for (int64_t c = 0; c < n; c++)
-                line[c] += factor * later[c];
+            for (int64_t c = 0; c < n; c++) line[c] += factor * later[c];
             line[w] += factor * later[w];
             line[w + 1] += factor * later[w + 1];
         }
-        for (int64_t c = 0; c < n; c++)
-            line[c] *= inverse;
+        for (int64_t c = 0; c < n; c++) line[c] *= inverse;
         line[w] *= inverse;
         line[w + 1] *= inverse;
     }
@@ -132,18 +120,15 @@ static INLINE int backward(core *s, const int64_t n, const int64_t m) {
         double *ab = s->stages + i * record, *curve = ab + n * row;
         load_dynamics(s, n, w, i, ab);
         load_quadratic(s, n, w, i, curve);
-        for (int64_t r = 0; r < n; r++)
-            s->top[1] += value[r * row + w + 1] * ab[r * row + w];
+        for (int64_t r = 0; r < n; r++) s->top[1] += value[r * row + w + 1] * ab[r * row + w];
         add_value(n, w, ab, value, s->product, curve);
-        if (!eliminate_inputs(n, w, curve, s->top))
-            return 0;
+        if (!eliminate_inputs(n, w, curve, s->top)) return 0;
         solve_inputs(n, w, curve);
         value = curve;
     }
     if (s->shared) {
         double curvature = s->top[0] + s->delta;
-        if (!(curvature > WB_SMALLEST_PIVOT))
-            return 0;
+        if (!(curvature > WB_SMALLEST_PIVOT)) return 0;
         s->dlevel = -s->top[1] / curvature;
     }
     return 1;
@@ -153,44 +138,33 @@ static INLINE int backward(core *s, const int64_t n, const int64_t m) {
 static INLINE void forward(core *s, const int64_t n, const int64_t m) {
     const int64_t w = n + m, row = wide_row(w), record = (n + w) * row, wide = s->wide;
     double *move = s->move;
-    for (int64_t r = 0; r < n; r++)
-        move[r] = 0.0;
+    for (int64_t r = 0; r < n; r++) move[r] = 0.0;
     for (int64_t i = 0; i < s->steps; i++) {
         const double *ab = s->stages + i * record, *gain = ab + 2 * n * row;
         const double *value = ab + record + n * row;
         double *next = s->next;
         for (int64_t a = 0; a < m; a++) {
             double step = gain[a * row + w] + gain[a * row + w + 1] * s->dlevel;
-            for (int64_t c = 0; c < n; c++)
-                step += gain[a * row + c] * move[c];
+            for (int64_t c = 0; c < n; c++) step += gain[a * row + c] * move[c];
             move[n + a] = s->dv[(n + a) * wide + i] = step;
         }
         for (int64_t r = 0; r < n; r++) {
             double step = ab[r * row + w];
-            for (int64_t c = 0; c < w; c++)
-                step += ab[r * row + c] * move[c];
+            for (int64_t c = 0; c < w; c++) step += ab[r * row + c] * move[c];
             next[r] = s->dv[r * wide + i + 1] = step;
         }
         for (int64_t r = 0; r < n; r++) {
             double pi = value[r * row + w] + value[r * row + w + 1] * s->dlevel;
-            for (int64_t c = 0; c < n; c++)
-                pi += value[r * row + c] * next[c];
+            for (int64_t c = 0; c < n; c++) pi += value[r * row + c] * next[c];
             s->dpi[r * wide + i] = pi - s->v[(w + r) * wide + i];
         }
-        for (int64_t r = 0; r < n; r++)
-            move[r] = next[r];
+        for (int64_t r = 0; r < n; r++) move[r] = next[r];
     }
 }
 
 #define SIZES(n, m)                                                                                \
-    static int backward_##n##_##m(core *s)                                                         \
-    {                                                                                              \
-        return backward(s, n, m);                                                                  \
-    }                                                                                              \
-    static void forward_##n##_##m(core *s)                                                         \
-    {                                                                                              \
-        forward(s, n, m);                                                                          \
-    }
+    static int backward_##n##_##m(core *s) { return backward(s, n, m); }                           \
+    static void forward_##n##_##m(core *s) { forward(s, n, m); }
 SIZES(2, 2)
 SIZES(3, 2)
 SIZES(4, 2)
@@ -198,13 +172,9 @@ SIZES(5, 2)
 SIZES(6, 3)
 #undef SIZES
 
-static int backward_of_any(core *s) {
-    return backward(s, s->n, s->m);
-}
+static int backward_of_any(core *s) { return backward(s, s->n, s->m); }
 
-static void forward_of_any(core *s) {
-    forward(s, s->n, s->m);
-}
+static void forward_of_any(core *s) { forward(s, s->n, s->m); }
 
 typedef struct {
     int64_t n, m;
@@ -221,7 +191,6 @@ static const sweep sweeps[] = {
 /* The recursion for a robot's sizes: the generic one is the last. */
 static const sweep *sweep_for(int64_t n, int64_t m) {
     const sweep *candidate = sweeps;
-    while (candidate->n && (candidate->n != n || candidate->m != m))
-        candidate++;
+    while (candidate->n && (candidate->n != n || candidate->m != m)) candidate++;
     return candidate;
 }
