@@ -96,7 +96,9 @@ def _loop(
         operation, operands = listing.operations[local]
         value = operation.text([_text(each) for each in operands])
         yield f"      const double {local} = {value};"
-    yield from (f"      {local}_at[column - first] = {local};" for local in names if local in stored)
+    yield from (
+        f"      {local}_at[column - first] = {local};" for local in names if local in stored
+    )
     for row, result in results.items():
         yield f"      out{row}_row[column] = {_text(result)};"
     yield "    }"

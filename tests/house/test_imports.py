@@ -72,6 +72,7 @@ ARROWS: dict[str, set[str]] = {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
     "framework/jit": {"framework/numerics", "framework/plugins", "framework/values"},
+    "framework/programs": {"framework/numerics", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
@@ -126,6 +127,7 @@ LAYERS = [
         "tracking",
         "control",
         "jit",
+        "programs",
     ),
     *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc"),
     *("mpc/planner", "mpc/diagnosis", "testing", "__init__"),
