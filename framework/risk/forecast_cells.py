@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 
 from ..jit.cached_njit import cached_njit, check_numba
-from ..numerics.special import content_bound
+from ..numerics.chi_square import content_bound
 from ..values.arrays import Array, checked_choice, positive, probability
 from ..values.forecast import LIGHT, Forecast
 from ..values.occupancy_grid import OCCUPIED_CELL, CellGrid, OccupancyGrid

@@ -225,8 +225,8 @@ def test_numba_takes_no_cache_from_a_file_of_the_working_folder(tmp_path: Path) 
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: evil\n")
     program = (
         "from wideberth.framework.jit.cached_njit import cached_njit\n"
-        "from wideberth.framework.risk.overlap_tables import normal_below\n"
-        "print(cached_njit([normal_below])[0].stats.cache_path)"
+        "from wideberth.framework.risk.overlap_tables import bilinear\n"
+        "print(cached_njit([bilinear])[0].stats.cache_path)"
     )
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
