@@ -79,7 +79,6 @@ _FUSED: Mapping[tuple[str, int, str], str] = {
     ("ADD", 0, "MUL"): "MULADD", ("ADD", 1, "MUL"): "MULADD",
     ("SUB", 0, "MUL"): "MULSUB", ("SUB", 1, "MUL"): "NEGMULADD",
     ("MULADD", 2, "MUL"): "MULADDMUL", ("MULSUB", 2, "MUL"): "NEGMULADDMUL",
-    ("NEGMULADD", 2, "MUL"): "MULSUBMUL",
     ("ADD", 0, "ADD"): "ADDADD", ("ADD", 1, "ADD"): "ADDADD",
     ("MUL", 0, "MUL"): "MULMUL", ("MUL", 1, "MUL"): "MULMUL",
     ("MUL", 0, "TWICE"): "MULTWICE", ("MUL", 1, "TWICE"): "MULTWICE",
