@@ -5,7 +5,8 @@
      8 words      WB_MAGIC, rows of v, rows of p, constants, reads, operations, registers, results
      constants    a double each; they fill the first registers
      reads        two words each: array (0 is v, 1 is p), row; they are the next registers
-     operations   six 32-bit words each: code, destination, operands a, b, c, second destination
+     operations   six 32-bit words each: code, destination, operands a, b, c, d (of sincos, b is
+                  the destination of the cosine)
      results      a word each: the register to be copied to this row of `out`
 
    Register `registers + k` is row k of `out`. An operation may write there and a later one read
@@ -40,30 +41,33 @@ static int64_t wb_work(const int64_t *program) {
   return wb_table(program) + program[6] * WB_LANES + program[7] * 8;
 }
 
-/* LANES columns after the other eight, so that compilers know how long a vector may be. */
-#define WB_OPERATION(NAME, VALUE)                            \
-  case WB_##NAME:                                            \
-    for (int64_t first = 0; first < lanes; first += 8)       \
-      WB_INDEPENDENT                                         \
-    for (int64_t i = first; i < first + 8; i++) {            \
-      const double a = u[i], b = s[i], c = t[i];             \
-      (void)a, (void)b, (void)c;                             \
-      x[i] = VALUE;                                          \
-    }                                                        \
+/* Eight columns are read before they are written: a result may take an operand's register. */
+#define WB_OPERATION(NAME, VALUE)                                                                 \
+  case WB_##NAME:                                                                                 \
+    for (int64_t k = 0; k < lanes; k += 8) {                                                      \
+      double values[8];                                                                           \
+      for (int i = 0; i < 8; i++) {                                                               \
+        const double a = a_at[k + i], b = b_at[k + i], c = c_at[k + i], d = d_at[k + i];          \
+        (void)a, (void)b, (void)c, (void)d;                                                       \
+        values[i] = VALUE;                                                                        \
+      }                                                                                           \
+      for (int i = 0; i < 8; i++) x[k + i] = values[i];                                           \
+    }                                                                                             \
     break;
 
 /* Run the operations for some columns, a multiple of 8. */
 static void wb_operations(const int64_t *program, const int32_t *step, double *const *place,
                           int64_t lanes) {
   for (const int32_t *end = step + WB_STEP * program[5]; step != end; step += WB_STEP) {
-    const double *u = place[step[2]], *s = place[step[3]], *t = place[step[4]];
-    double *x = place[step[1]];
+    double *const x = place[step[1]];
+    const double *const a_at = place[step[2]], *const b_at = place[step[3]];
+    const double *const c_at = place[step[4]], *const d_at = place[step[5]];
     switch (step[0]) {
 #include "operations.h"
     case WB_SINCOS: {
-      double *y = place[step[5]];
+      double *const y = place[step[3]];
       for (int64_t i = 0; i < lanes; i++) {
-        const double a = u[i];
+        const double a = a_at[i];
         x[i] = sin(a);
         y[i] = cos(a);
       }

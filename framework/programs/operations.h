@@ -1,4 +1,4 @@
-/* The operations of programs, in the order of their codes: name, value as a C expression of a, b, c.
+/* The operations of programs, in the order of their codes: name, value as a C expression of a, b, c, d.
    Names are CasADi's (OP_ADD and so on), and so is the meaning: comparisons give 1 or 0, NaN counts
    as true, fmin and fmax pass over NaN, sign keeps NaN and signed zeros. The rows from MULADD on
    are no operations of CasADi; fused programs have them.
@@ -53,3 +53,12 @@ WB_OPERATION(IF_ELSE_ZERO, a != 0.0 ? b : 0.0)
 WB_OPERATION(MULADD, a * b + c)
 WB_OPERATION(MULSUB, a * b - c)
 WB_OPERATION(NEGMULADD, c - a * b)
+WB_OPERATION(MULADDMUL, a * b + c * d)
+WB_OPERATION(NEGMULADDMUL, c * d - a * b)
+WB_OPERATION(ADDADD, a + b + c)
+WB_OPERATION(MULMUL, a * b * c)
+WB_OPERATION(MULTWICE, (a + a) * b)
+WB_OPERATION(ADDMUL, (a + b) * c)
+WB_OPERATION(SUBMUL, (a - b) * c)
+WB_OPERATION(MULDIV, a * b / c)
+WB_OPERATION(DIVMUL, a / b * c)

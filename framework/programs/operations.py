@@ -12,7 +12,7 @@ SOURCES = Path(__file__).parent
 """Folder of the C sources of the evaluator."""
 
 _ROW = re.compile(r"^WB_OPERATION\((\w+), (.*)\)$", re.MULTILINE)
-_OPERAND = re.compile(r"\b[abc]\b")
+_OPERAND = re.compile(r"\b[abcd]\b")
 
 
 @dataclass(frozen=True)
@@ -23,41 +23,34 @@ class Operation:
     ----------
     name : as in operations.h.
     code : its number in a program.
-    value : C expression of the operands a, b, c.
-    operands : how many of them it has.
+    value : C expression of the operands a, b, c, d.
     """
 
     name: str
     code: int
     value: str
-    operands: int
 
     def text(self, operands: Sequence[str]) -> str:
         """Return the C expression for operands, which are names or numbers."""
-        names = dict(zip("abc", operands, strict=False))
+        names = dict(zip("abcd", operands, strict=False))
         return _OPERAND.sub(lambda match: names[match[0]], self.value)
 
 
 def _read() -> dict[str, Operation]:
     """Read the table."""
     rows = _ROW.findall((SOURCES / "operations.h").read_text(encoding="utf-8"))
-    return {
-        name: Operation(name, code, value, len(set(_OPERAND.findall(value))))
-        for code, (name, value) in enumerate(rows)
-    }
+    rows.append(("SINCOS", "a"))  # the one operation with two results
+    return {name: Operation(name, code, value) for code, (name, value) in enumerate(rows)}
 
 
-BY_NAME: Mapping[str, Operation] = _read()
+OPERATIONS: Mapping[str, Operation] = _read()
 """Every operation by its name."""
-SINCOS = Operation("SINCOS", len(BY_NAME), "", 1)
-"""Sine and cosine of one number: the one operation with two results."""
 
-OPERATIONS: Mapping[int, Operation] = {
+_OF_CASADI: Mapping[int, Operation] = {
     getattr(ca, f"OP_{name}"): operation
-    for name, operation in BY_NAME.items()
+    for name, operation in OPERATIONS.items()
     if hasattr(ca, f"OP_{name}")
 }
-"""The operations of CasADi that programs have, by CasADi's own number."""
 
 
 def operation_of(identifier: int) -> Operation:
@@ -67,8 +60,8 @@ def operation_of(identifier: int) -> Operation:
     ------
     WideberthError : programs have no such operation.
     """
-    if identifier in OPERATIONS:
-        return OPERATIONS[identifier]
+    if identifier in _OF_CASADI:
+        return _OF_CASADI[identifier]
     names = (name for name in dir(ca) if name.startswith("OP_"))
     name = next((name for name in names if getattr(ca, name) == identifier), str(identifier))
     raise WideberthError(

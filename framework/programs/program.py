@@ -1,7 +1,7 @@
 """Programs: lists of operations as numbers, which evaluator.h runs."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .listing import Listing, is_name, listing_of
-from .operations import BY_NAME, SINCOS
+from .operations import OPERATIONS
 
 MAGIC = 0x7762303100000001
 """First word of a program; evaluator.h describes the layout."""
@@ -18,9 +18,9 @@ _WORDS_OF_STEP = 6
 
 @dataclass(frozen=True)
 class _Step:
-    """One operation: its code, the names that it sets, and the names that it works on."""
+    """One operation: its name, the names that it sets, and the names that it works on."""
 
-    code: int
+    name: str
     sets: tuple[str, ...]
     operands: tuple[str, ...]
 
@@ -45,8 +45,8 @@ class Program:
         Parameters
         ----------
         function : see `listing_of`.
-        fused : whether a product and a sum become one operation, and a sine and a cosine of the
-            same number. Such numbers may differ from CasADi's by rounding.
+        fused : whether operations are joined: a product with a sum, a sine with the cosine of the
+            same number, and so on. Results may then differ from CasADi's by rounding.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class Program:
         listing = listing_of(function)
         steps = _plain(listing)
         if fused:
-            steps = _with_sincos(_with_products(steps, listing.results))
+            steps = _with_sincos(_joined(steps, listing.results))
         return cls(_words(listing, steps), len(listing.results))
 
     @property
@@ -70,48 +70,60 @@ class Program:
 
 def _plain(listing: Listing) -> list[_Step]:
     return [
-        _Step(operation.code, (name,), operands)
+        _Step(operation.name, (name,), operands)
         for name, (operation, operands) in listing.operations.items()
     ]
 
 
-def _with_products(steps: list[_Step], results: Iterable[str]) -> list[_Step]:
-    """Join each product that is used once, by a sum, with that sum."""
+_FUSED: Mapping[tuple[str, int, str], str] = {
+    ("ADD", 0, "MUL"): "MULADD", ("ADD", 1, "MUL"): "MULADD",
+    ("SUB", 0, "MUL"): "MULSUB", ("SUB", 1, "MUL"): "NEGMULADD",
+    ("MULADD", 2, "MUL"): "MULADDMUL", ("MULSUB", 2, "MUL"): "NEGMULADDMUL",
+    ("ADD", 0, "ADD"): "ADDADD", ("ADD", 1, "ADD"): "ADDADD",
+    ("MUL", 0, "MUL"): "MULMUL", ("MUL", 1, "MUL"): "MULMUL",
+    ("MUL", 0, "TWICE"): "MULTWICE", ("MUL", 1, "TWICE"): "MULTWICE",
+    ("MUL", 0, "ADD"): "ADDMUL", ("MUL", 1, "ADD"): "ADDMUL",
+    ("MUL", 0, "SUB"): "SUBMUL", ("MUL", 1, "SUB"): "SUBMUL",
+    ("DIV", 0, "MUL"): "MULDIV", ("MUL", 0, "DIV"): "DIVMUL", ("MUL", 1, "DIV"): "DIVMUL",
+}  # fmt: skip
+"""(Operation, one of its operands, operation that gives that operand) -> the two as one operation.
+Its operands are those of the inner operation, then the others of the outer one."""
+
+
+def _joined(steps: list[_Step], results: Iterable[str]) -> list[_Step]:
+    """Join operations whose result is used once with the operation that uses it."""
+    steps = [
+        _Step("MUL", step.sets, step.operands * 2) if step.name == "SQ" else step for step in steps
+    ]
     uses = Counter(results)
     for step in steps:
         uses.update(step.operands)
-    multiply, square = BY_NAME["MUL"].code, BY_NAME["SQ"].code
-    products = {
-        step.sets[0]: (step.operands * 2)[:2]
-        for step in steps
-        if step.code in (multiply, square) and uses[step.sets[0]] == 1
-    }
-    joined: set[str] = set()
-    fused = []
+    by_result: dict[str, _Step] = {}
     for step in steps:
-        for name, left, right in (("ADD", 0, 1), ("ADD", 1, 0), ("SUB", 0, 1), ("SUB", 1, 0)):
-            if step.code == BY_NAME[name].code and step.operands[left] in products:
-                joined.add(step.operands[left])
-                word = "MULADD" if name == "ADD" else "NEGMULADD" if left else "MULSUB"
-                operands = (*products[step.operands[left]], step.operands[right])
-                step = _Step(BY_NAME[word].code, step.sets, operands)
-        fused.append(step)
-    return [step for step in fused if step.sets[0] not in joined]
+        place = 0
+        while place < len(step.operands):
+            operand = step.operands[place]
+            inner = by_result.get(operand)
+            name = _FUSED.get((step.name, place, inner.name)) if inner else None
+            if inner and name and uses[operand] == 1:
+                del by_result[operand]
+                others = step.operands[:place] + step.operands[place + 1 :]
+                step, place = _Step(name, step.sets, inner.operands + others), -1
+            place += 1
+        by_result[step.sets[0]] = step
+    return list(by_result.values())
 
 
 def _with_sincos(steps: list[_Step]) -> list[_Step]:
     """Join each sine and cosine of the same number, in the place of the first of them."""
-    sine, cosine = BY_NAME["SIN"].code, BY_NAME["COS"].code
-    of = {(step.code, step.operands): step.sets[0] for step in steps}
+    results = {(step.name, step.operands): step.sets[0] for step in steps}
     joined = []
-    done: set[str] = set()
     for step in steps:
-        sets = tuple(of.get((code, step.operands), "") for code in (sine, cosine))
-        if step.code not in (sine, cosine) or not all(sets):
+        sine, cosine = (results.get((name, step.operands)) for name in ("SIN", "COS"))
+        if step.name not in ("SIN", "COS") or sine is None or cosine is None:
             joined.append(step)
-        elif sets[0] not in done:
-            done.add(sets[0])
-            joined.append(_Step(SINCOS.code, sets, step.operands))
+        elif _Step("SINCOS", (sine, cosine), step.operands) not in joined:
+            joined.append(_Step("SINCOS", (sine, cosine), step.operands))
     return joined
 
 
@@ -128,9 +140,10 @@ def _words(listing: Listing, steps: list[_Step]) -> NDArray[np.int64]:
 
     table = np.zeros((len(steps), _WORDS_OF_STEP), dtype=np.int32)
     for row, step in zip(table, steps, strict=True):
-        sets, operands = [*numbers(step.sets)], [*numbers(step.operands)]
-        operands += [operands[0]] * (3 - len(operands))
-        row[:] = [step.code, sets[0], *operands, sets[-1]]
+        first, *second = numbers(step.sets)
+        operands = [*numbers(step.operands), *second]
+        operands += [operands[0]] * (4 - len(operands))
+        row[:] = [OPERATIONS[step.name].code, first, *operands]
     arrays = {"v": 0, "p": 1}
     reads = [(arrays[array], row) for array, row in listing.reads.values()]
     lengths = [len(constants), len(reads), len(steps), registers, len(listing.results)]

@@ -65,13 +65,14 @@ ARROWS: dict[str, set[str]] = {
     "framework/plugins": {"framework/values"},
     INTERFACES: {"framework/numerics", "framework/values"},
     "framework/risk": {
-        INTERFACES, "framework/jit", "framework/numerics", "framework/plugins", "framework/values",
+        INTERFACES, "framework/numerics", "framework/plugins", "framework/values",
     },
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
     "framework/jit": {"framework/numerics", "framework/plugins", "framework/values"},
+    "framework/programs": {"framework/numerics", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
@@ -126,6 +127,7 @@ LAYERS = [
         "tracking",
         "control",
         "jit",
+        "programs",
     ),
     *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc"),
     *("mpc/planner", "mpc/diagnosis", "testing", "__init__"),

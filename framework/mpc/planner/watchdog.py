@@ -150,12 +150,7 @@ class WatchedSolver:
                 self._bounded.add(key)
             return solutions
         begin, left = budget.spent(), max(budget.left(), 1e-3)
-
-        def compiled_first() -> list[Solution]:
-            instance.problem.compile_now()
-            return call(left)
-
-        found = watched(compiled_first, max(budget.wait(), left))
+        found = watched(partial(call, left), max(budget.wait(), left))
         return [on_time(one, budget.spent() - begin, left) for one in found]
 
 
