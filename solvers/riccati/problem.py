@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
-from ...framework.programs import Program
+from ...framework.programs import Program, c_source
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
+from .compile_once import compile_once
 from .kernels import Kernels, build, slot_name
 from .workspace import KernelTable, KindTable, ProblemTable, Workspace, address, shape_of
 
@@ -138,10 +139,8 @@ def _tables(
 ) -> tuple[dict[str, KernelTable], list[Any]]:
     """Stage functions as the core takes them, and what has to be kept for that."""
     if compiled:
-        from .compiled import compiled_functions
-
-        library = compiled_functions(functions)
-        return {name: KernelTable(library[name], None) for name in functions}, [library]
+        places = compile_once(c_source(functions), list(functions))
+        return {name: KernelTable(places[name], None) for name in functions}, []
     programs = {name: Program.of(one, fused=True) for name, one in functions.items()}
     tables = {name: KernelTable(_core.PROGRAM, one.address) for name, one in programs.items()}
     return tables, list(programs.values())
