@@ -57,6 +57,7 @@ class Parts:
     library : see `compile_parts`.
     problem : sizes.
     kind, active : of slots; those above 0 are in use.
+    settings, plans : of the solve; states of plans that are known.
     """
 
     def __init__(
@@ -65,6 +66,8 @@ class Parts:
         problem: ProblemTable,
         kind: KindTable | None = None,
         active: Sequence[float] = (),
+        settings: Settings | None = None,
+        plans: Array | None = None,
     ) -> None:
         self.library, self.problem = library, problem
         w, self.wide = problem.n + problem.m, 8 * ((problem.steps + 8) // 8)
@@ -76,12 +79,14 @@ class Parts:
         used = np.array(active, dtype=np.float64)
         slots = (SlotsTable * 1)(SlotsTable(active=address(used)))
         start = StartTable(slots=ctypes.addressof(slots))
-        settings = Settings(minimum=-np.inf)
+        start.plans = None if plans is None else address(plans)
+        settings = settings or Settings()
+        settings.minimum = -np.inf
         library.wb_size.restype = ctypes.c_int64
         memory = np.full(library.wb_size(ctypes.byref(problem)), np.nan)
         tables = (problem, settings, start)
         library.parts_prepare(*map(ctypes.byref, tables), ctypes.c_void_p(address(memory)))
-        self._kept = lower, free, kinds, used, slots, start, settings, memory
+        self._kept = lower, free, kinds, used, slots, start, settings, memory, plans
         library.parts_array.restype = library.parts_multiplier_step.restype = ctypes.c_void_p
         library.parts_multiplier_step.argtypes = [ctypes.c_int64]
         library.parts_level_step.restype = ctypes.c_double

@@ -57,4 +57,8 @@ void parts_expand(void) {
     step_of_rows(&solve);
 }
 
+int32_t parts_hopeless(double ahead, double entered) {
+    return (int32_t)hopeless(&solve, ahead, entered);
+}
+
 double *parts_multiplier_step(int64_t row) { return solve.rows[row].dy; }
