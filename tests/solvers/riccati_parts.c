@@ -37,12 +37,12 @@ double parts_level_step(void) { return solve.dlevel; }
 
 /* The recursion for these sizes, or the one for any. */
 int32_t parts_backward(int32_t any) {
-    return any ? backward_of_any(&solve) : sweep_for(solve.n, solve.m)->backward(&solve);
+    return any ? backward_of(&solve, solve.n, solve.m) : backward(&solve);
 }
 
 void parts_forward(int32_t any) {
-    if (any) forward_of_any(&solve);
-    else sweep_for(solve.n, solve.m)->forward(&solve);
+    if (any) forward_of(&solve, solve.n, solve.m);
+    else forward(&solve);
 }
 
 /* Condense the slots into `region` and `force`, or, with the slack, into the stages. */

@@ -540,19 +540,17 @@ static int condense(core *s) {
  * whether there is one. */
 static int direction(core *s) {
     const double last = s->delta;
-    const sweep *recursion = sweep_for(s->n, s->m);
     s->delta = 0.0;
     while (s->delta < WB_LARGEST_SHIFT) {
-        if (condense(s) && recursion->backward(s)) {
+        if (condense(s) && backward(s)) {
             if (s->delta == 0.0) s->delta = last;
-            recursion->forward(s);
+            forward(s);
             return 1;
         }
         if (s->delta == 0.0)
             s->delta =
                 last == 0.0 ? WB_FIRST_SHIFT : larger(WB_SMALLEST_SHIFT, last / WB_SHIFT_DECREASE);
-        else
-            s->delta *= last == 0.0 ? WB_FIRST_GROWTH : WB_SHIFT_GROWTH;
+        else s->delta *= last == 0.0 ? WB_FIRST_GROWTH : WB_SHIFT_GROWTH;
     }
     return 0;
 }
@@ -797,7 +795,7 @@ static void write_results(core *s, double cost) {
 
 /* ---- Memory */
 
-/* Memory that is handed out piece by piece, zeroed; without a base it is only measured. */
+/* Memory that is handed out piece by piece; without a base it is only measured. */
 typedef struct {
     double *base;
     int64_t used;
@@ -805,10 +803,17 @@ typedef struct {
 
 enum { ALIGNED = 8 }; /* doubles; a processor loads up to so many at once */
 
-static void *take(block *b, int64_t count) {
+/* Memory that is written before it is read. */
+static void *take_unset(block *b, int64_t count) {
     void *place = b->base ? (void *)(b->base + b->used) : NULL;
-    if (place) memset(place, 0, (size_t)count * sizeof *b->base);
     b->used += (count + ALIGNED - 1) / ALIGNED * ALIGNED;
+    return place;
+}
+
+/* Zeroed memory. */
+static void *take(block *b, int64_t count) {
+    void *place = take_unset(b, count);
+    if (place) memset(place, 0, (size_t)count * sizeof *b->base);
     return place;
 }
 
@@ -840,13 +845,13 @@ static void lay_out_slots(const core *s, slots *o, block *b, const wb_kind *kind
     o->place = take_things(b, o->first + 1, sizeof *o->place);
     o->v = take(b, (o->w + o->stated) * wide), o->trial = take(b, (o->w + o->stated) * wide);
     o->p = take(b, (kind->parameters + kind->levelled + 1 + own) * wide);
-    o->out = take(b, (o->stated * (1 + o->w) + o->w * o->w) * wide);
+    o->out = take_unset(b, (o->stated * (1 + o->w) + o->w * o->w) * wide);
     o->tried = take(b, o->stated * wide);
     o->t = take(b, o->unequal * wide), o->dt = take(b, o->unequal * wide);
     o->zl = take(b, own * wide), o->zu = take(b, own * wide);
     o->drawn = take(b, own * wide), o->pull = take(b, own * wide);
     o->da = take(b, (own + equal) * wide);
-    o->back = take(b, (own + equal) * (o->first + 2) * wide);
+    o->back = take_unset(b, (own + equal) * (o->first + 2) * wide);
     if (b->base) {
         o->a = o->v + o->first * wide, o->y = o->v + o->w * wide;
         o->slope = o->out + o->stated * wide, o->hessian = o->slope + o->stated * o->w * wide;
@@ -873,9 +878,9 @@ static void lay_out_path(core *s, block *b) {
     s->trial_eps = take(b, wide), s->none = take(b, wide);
     s->pull = take(b, (w + 1) * wide), s->tally = take(b, TALLIES * wide);
     s->filter = take(b, 2 * WB_FILTER_SIZE);
-    s->stages = take(b, (s->steps + 1) * (n + w) * wide_row(w));
+    s->stages = take_unset(b, (s->steps + 1) * (n + w) * wide_row(w));
     s->product = take(b, n * wide_row(w)), s->move = take(b, w), s->next = take(b, n);
-    s->work = take(b, s->problem->work);
+    s->work = take_unset(b, s->problem->work);
 }
 
 /* Room for the condensed quadratic, for as many entries of x as slots depend on. */
@@ -926,7 +931,7 @@ static void lay_out(core *s, block *b) {
         rows += count * kind->inequalities;
         s->slot_count += count;
     }
-    s->matrix = take(b, most * (most + 1) * LANES);
+    s->matrix = take_unset(b, most * (most + 1) * LANES);
     s->bounds = take_things(b, bounds, sizeof *s->bounds);
     s->rows = take_things(b, rows + bounds, sizeof *s->rows);
     s->spare = take(b, (2 * s->robot_count + rows + 4 * bounds) * s->wide);

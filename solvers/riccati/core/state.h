@@ -5,21 +5,12 @@
 
 #if defined(_MSC_VER) && !defined(__clang__)
 #define INLINE __forceinline
-#define IVDEP __pragma(loop(ivdep))
-#define restrict __restrict
-#elif defined(__clang__)
-#define INLINE inline __attribute__((always_inline))
-#define IVDEP _Pragma("clang loop vectorize(assume_safety)")
-#elif defined(__GNUC__)
-#define INLINE inline __attribute__((always_inline))
-#define IVDEP _Pragma("GCC ivdep")
 #else
-#define INLINE inline
-#define IVDEP
+#define INLINE inline __attribute__((always_inline))
 #endif
 
 /* A loop whose turns do not depend on each other. */
-#define LOOP(i, first, end) IVDEP for (int64_t i = (first); i < (end); i++)
+#define LOOP(i, first, end) WB_INDEPENDENT for (int64_t i = (first); i < (end); i++)
 
 /* Columns of slots that are eliminated at once. */
 enum { LANES = 8 };
