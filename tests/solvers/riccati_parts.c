@@ -45,10 +45,15 @@ void parts_forward(int32_t any) {
     else forward(&solve);
 }
 
-/* Condense the slots into `region` and `force`, or, with the slack, into the stages. */
-int32_t parts_condense(void) { return condense_slots(&solve, solve.slots); }
-
-void parts_eliminate(void) { eliminate_slack(&solve); }
+/* Condense everything into the stages, at the point that the arrays hold. */
+int32_t parts_condense(void) {
+    slots *o = solve.slots;
+    memcpy(o->trial, o->v, (size_t)(o->w * o->columns) * sizeof *o->v);
+    try_bounds(&solve);
+    for (const bound *b = solve.bounds; b < solve.bounds + solve.bound_count; b++)
+        memcpy(b->row->t, b->tried, (size_t)solve.steps * sizeof *b->tried);
+    return condense(&solve);
+}
 
 /* Steps of slack, own variables, slacks t and their multipliers from that of the states. */
 void parts_expand(void) {

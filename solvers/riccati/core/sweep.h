@@ -134,8 +134,8 @@ static INLINE int backward_of(core *s, const int64_t n, const int64_t m) {
     return 1;
 }
 
-/* Write the steps of states and inputs, and of the multipliers of the dynamics. */
-static INLINE void forward_of(core *s, const int64_t n, const int64_t m) {
+/* Write the steps of states and inputs, and of the multipliers of the dynamics; returns 1. */
+static INLINE int forward_of(core *s, const int64_t n, const int64_t m) {
     const int64_t w = n + m, row = wide_row(w), record = (n + w) * row, wide = s->wide;
     double *move = s->move;
     for (int64_t r = 0; r < n; r++) move[r] = 0.0;
@@ -160,6 +160,7 @@ static INLINE void forward_of(core *s, const int64_t n, const int64_t m) {
         }
         for (int64_t r = 0; r < n; r++) move[r] = next[r];
     }
+    return 1;
 }
 
 /* Call a function with the sizes of the shipped robots as constants, or with any. */
@@ -175,4 +176,4 @@ static INLINE void forward_of(core *s, const int64_t n, const int64_t m) {
 
 static int backward(core *s) { WITH_SIZES(backward_of) }
 
-static void forward(core *s) { WITH_SIZES(forward_of) }
+static int forward(core *s) { WITH_SIZES(forward_of) }
