@@ -34,7 +34,7 @@ class BuildExtensions(build_ext):
         elif ext.extra_compile_args == FAST and _has_levels():
             ext.define_macros = [*ext.define_macros, ("WB_LEVELS", None)]
             ext.extra_objects += self.compiler.compile(
-                [str(CORE / "riccati.c")],
+                [str(CORE / name) for name in ("programs.c", "riccati.c")],
                 output_dir=str(Path(self.build_temp) / "level_3"),
                 macros=ext.define_macros,
                 include_dirs=ext.include_dirs,
