@@ -292,8 +292,7 @@ def test_functions_are_short(room: str) -> None:
         f"{path.relative_to(ROOT)}: {node.name} has {lines_below_docstring(node)}"
         for path in files_of(room)
         for node in ast.walk(parsed(path))
-        if isinstance(node, ast.FunctionDef)
-        and lines_below_docstring(node) > 40
+        if isinstance(node, ast.FunctionDef) and lines_below_docstring(node) > 40
     ]
     assert not wrong, "lines below the docstring; wanted at most 40"
 
