@@ -37,18 +37,23 @@ double parts_level_step(void) { return solve.dlevel; }
 
 /* The recursion for these sizes, or the one for any. */
 int32_t parts_backward(int32_t any) {
-    return any ? backward_of_any(&solve) : sweep_for(solve.n, solve.m)->backward(&solve);
+    return any ? backward_of(&solve, solve.n, solve.m) : backward(&solve);
 }
 
 void parts_forward(int32_t any) {
-    if (any) forward_of_any(&solve);
-    else sweep_for(solve.n, solve.m)->forward(&solve);
+    if (any) forward_of(&solve, solve.n, solve.m);
+    else forward(&solve);
 }
 
-/* Condense the slots into `region` and `force`, or, with the slack, into the stages. */
-int32_t parts_condense(void) { return condense_slots(&solve, solve.slots); }
-
-void parts_eliminate(void) { eliminate_slack(&solve); }
+/* Condense everything into the stages, at the point that the arrays hold. */
+int32_t parts_condense(void) {
+    slots *o = solve.slots;
+    memcpy(o->trial, o->v, (size_t)(o->w * o->columns) * sizeof *o->v);
+    try_bounds(&solve);
+    for (const bound *b = solve.bounds; b < solve.bounds + solve.bound_count; b++)
+        memcpy(b->row->t, b->tried, (size_t)solve.steps * sizeof *b->tried);
+    return condense(&solve);
+}
 
 /* Steps of slack, own variables, slacks t and their multipliers from that of the states. */
 void parts_expand(void) {

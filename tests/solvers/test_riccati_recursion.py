@@ -166,4 +166,4 @@ def test_each_shipped_robot_has_a_recursion_of_its_sizes() -> None:
     text = (CORE / "sweep.h").read_text(encoding="utf-8")
     for robot in robots:
         n, m = len(robot.states), len(robot.inputs)
-        assert f"backward_{n}_{m}" in text, type(robot)
+        assert f"function(s, {n}, {m})" in text, type(robot)

@@ -59,7 +59,6 @@ class Crowd:
             crowd.slot(name, own)[:] = rng.uniform(-1.0, 1.0, (own, crowd.columns))
         for name in ("eps", "nu"):
             crowd.parts.array(name, 1)[:] = rng.uniform(0.2, 2.0, crowd.parts.wide)
-        # rows of the multipliers' steps read the distances from the bounds
         crowd.slot("zl", own)[lower == -np.inf] = crowd.slot("zu", own)[upper == np.inf] = 0.0
         return crowd
 
@@ -155,7 +154,6 @@ def test_condensing_solves_the_full_newton_system(
     parts, first, rng = crowd.parts, crowd.first, np.random.default_rng(3)
     dv, ds = rng.normal(size=(STATES, parts.wide)), float(shared * rng.normal())
     assert library.parts_condense()
-    library.parts_eliminate()
     parts.array("dv", STATES)[:] = dv
     parts.numbers(MU, RHO, DELTA, WEIGHT, ds)
     library.parts_expand()
