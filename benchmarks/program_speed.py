@@ -1,7 +1,7 @@
 """Speed of the evaluator on the recommended problem: ``python benchmarks/program_speed.py``.
 
-For each stage function: operations of its program, microseconds for 24 columns, and, where valgrind
-is installed, instructions, which do not depend on what else the machine does.
+It prints for each stage function the operations of its program, the microseconds for 24 columns
+and, where valgrind is installed, the instructions. These do not depend on the machine's load.
 """
 
 import re
