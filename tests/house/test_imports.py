@@ -68,7 +68,9 @@ ARROWS: dict[str, set[str]] = {
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
-    "framework/jit": {"framework/numerics", "framework/plugins", "framework/values"},
+    "framework/jit": {
+        "framework/numerics", "framework/plugins", "framework/programs", "framework/values",
+    },
     "framework/programs": {"framework/numerics", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
@@ -123,8 +125,8 @@ LAYERS = [
         "risk",
         "tracking",
         "control",
-        "jit",
         "programs",
+        "jit",
     ),
     *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc"),
     *("mpc/planner", "mpc/diagnosis", "testing", "__init__"),

@@ -243,10 +243,10 @@ def test_matrix_functions_are_expanded() -> None:
 
 def test_what_cannot_be_written_is_named() -> None:
     v, p = ca.SX.sym("v", 2), ca.SX.sym("p", 1)
-    with pytest.raises(WideberthError, match="OP_ERFINV has no translation"):
+    with pytest.raises(WideberthError, match="OP_ERFINV"):
         kernel_source(function(ca.erfinv(v), v, p), "kernel")
     inner = ca.Function("inner", [v], [ca.sin(v)], {"never_inline": True})
-    with pytest.raises(WideberthError, match="OP_CALL has no translation"):
+    with pytest.raises(WideberthError, match="OP_CALL"):
         kernel_source(function(inner(v), v, p), "kernel")
     with pytest.raises(WideberthError, match="1 arguments"):
         kernel_source(function(v, v), "kernel")
