@@ -62,6 +62,7 @@ if CORE.is_dir():
     MODULES.append(_extension("wideberth.solvers.riccati._core", CORE, FAST))
 
 setup(
+    script_name="setup.py",  # which is no module of the package, though it is in the same folder
     ext_modules=MODULES,
     cmdclass={"build_ext": BuildExtensions},
     options={"bdist_wheel": {"py_limited_api": "cp311"}},

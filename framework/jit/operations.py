@@ -10,7 +10,6 @@ import struct
 from collections.abc import Mapping, Sequence
 
 from ..numerics.symbolic import ca
-from ..values.errors import WideberthError
 
 FAST = "contract reassoc nsz arcp"
 """Sums in any order, products fused with them, and zeros without a sign; NaN and infinity keep
@@ -132,10 +131,6 @@ _INSTRUCTIONS: Mapping[int, str] = {
 }
 
 
-OPERATIONS = tuple(_INSTRUCTIONS)
-"""Operations of CasADi that have a translation, in a fixed order."""
-
-
 def exactly(source: str) -> str:
     """Return the source of functions without leave to round otherwise."""
     return source.replace(f" {FAST}", "")
@@ -155,20 +150,3 @@ def operand_text(operand: str) -> str:
     if operand[0] in "vpx":  # numbers are 'nan', 'inf' or have no letter
         return f"%{operand}"
     return "0x" + struct.pack(">d", float(operand)).hex().upper()
-
-
-def supported(operation: int) -> int:
-    """Return the operation itself.
-
-    Raises
-    ------
-    WideberthError : one that has no translation.
-    """
-    if operation in _INSTRUCTIONS:
-        return operation
-    names = (name for name in dir(ca) if name.startswith("OP_"))
-    name = next((name for name in names if getattr(ca, name) == operation), str(operation))
-    raise WideberthError(
-        f"the CasADi operation {name} has no translation; write the expression without it (a "
-        "function called inside: let CasADi inline it), or add it to framework/jit/operations.py"
-    )

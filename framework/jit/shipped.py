@@ -1,23 +1,10 @@
-"""Machine code that the package ships: shared libraries, so that no user has to compile them.
+"""Kinds of processors that LLVM compiles for."""
 
-A folder of them has a file for each kind of processor, and a manifest with the hash of the sources
-that they were made from and of every file. A library is used where the processor can run it and
-where the sources are still those. They ask for functions of the C library alone, which Python
-itself has loaded.
-"""
-
-import ctypes
-import json
 import platform
-import subprocess
 import sys
-import tempfile
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from ..values.errors import WideberthError
 
@@ -89,111 +76,3 @@ def fitting() -> str:
     raise WideberthError(
         f"no shipped object code is for this processor ({sys.platform}, {platform.machine()})"
     )
-
-
-@dataclass(frozen=True)
-class ShippedCode:
-    """A folder of files made from some sources.
-
-    Attributes
-    ----------
-    folder : of the files and their manifest.
-    made_from : the files of the sources.
-    """
-
-    folder: Path
-    made_from: tuple[Path, ...]
-
-    def sources(self) -> str:
-        """Hash of the sources."""
-        texts = [path.read_text(encoding="utf-8") for path in self.made_from]
-        return sha256("\0".join(texts).encode()).hexdigest()
-
-    @property
-    def manifest_path(self) -> Path:
-        """The file that says what the others are."""
-        return self.folder / "made.json"
-
-    def manifest(self) -> dict[str, Any]:
-        """Read what is said of the files.
-
-        Raises
-        ------
-        WideberthError : it is missing or damaged.
-        """
-        try:
-            found = json.loads(self.manifest_path.read_text(encoding="utf-8"))
-            words = {name: str(found[name]) for name in ("sources", "compiler")}
-            return {**words, "files": dict(found["files"])}
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise WideberthError(f"{self.manifest_path} is damaged ({error})") from error
-
-    def read(self, name: str) -> bytes:
-        """Return a file of the folder.
-
-        Raises
-        ------
-        WideberthError : it is damaged, or it is not that of the sources.
-        """
-        said = self.manifest()
-        if said["sources"] != self.sources():
-            raise WideberthError("shipped object code is not that of the present sources")
-        try:
-            content = (self.folder / name).read_bytes()
-        except OSError as error:
-            raise WideberthError(f"shipped object code {name} is missing ({error})") from error
-        if sha256(content).hexdigest() != said["files"].get(name):
-            raise WideberthError(f"shipped object code {name} is damaged (another hash)")
-        return content
-
-    def loaded(self, names: Sequence[str]) -> Mapping[str, int]:
-        """Load the library for this processor and return the addresses of functions.
-
-        Raises
-        ------
-        WideberthError : there is none, or it is damaged, or it does not load.
-        """
-        file = library_name(fitting())
-        self.read(file)
-        try:
-            library = ctypes.CDLL(str(self.folder / file))
-            places = [ctypes.cast(getattr(library, name), ctypes.c_void_p) for name in names]
-        except (OSError, AttributeError) as error:
-            raise WideberthError(f"shipped object code {file} does not load ({error})") from error
-        return {name: place.value or 0 for name, place in zip(names, places, strict=True)}
-
-    def write(self, files: Mapping[str, bytes], compiler: str) -> None:
-        """Write files, and what they were made from and by."""
-        self.folder.mkdir(exist_ok=True)
-        for name, content in files.items():
-            (self.folder / name).write_bytes(content)
-        hashes = {name: sha256(content).hexdigest() for name, content in files.items()}
-        said = {"sources": self.sources(), "compiler": compiler, "files": hashes}
-        self.manifest_path.write_text(json.dumps(said, indent=2) + "\n", encoding="utf-8")
-
-
-def library_name(processor: str) -> str:
-    """File name of the library for one of `PROCESSORS`."""
-    return f"{processor}.so"
-
-
-def linked(objects: Sequence[bytes]) -> bytes:
-    """Link object files to a shared library; the same files give the same bytes.
-
-    Needs the linker of Zig (``ziglang``), which links for every processor.
-
-    Raises
-    ------
-    WideberthError : it is not installed, or refuses the files.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        places = [f"part{k}.o" for k in range(len(objects))]
-        for place, content in zip(places, objects, strict=True):
-            (folder / place).write_bytes(content)
-        options = ["--shared", "--strip-all", "--build-id=none", "-z", "noexecstack", "-z", "now"]
-        command = [sys.executable, "-m", "ziglang", "ld.lld", *options, "-o", "found.so", *places]
-        ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if ran.returncode:
-            raise WideberthError(f"the library is not linked: {ran.stderr.strip()}")
-        return (folder / "found.so").read_bytes()

@@ -2,34 +2,12 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from ..numerics.symbolic import ca
-from ..values.errors import WideberthError
+from ..programs.listing import Listing, listing_of
 from .columns import SIGNATURE
-from .operations import instructions, operand_text, supported
-
-_ARGUMENTS = ("v", "p")
-_COMMUTATIVE = {ca.OP_ADD, ca.OP_MUL}
-_SAME = {ca.OP_ASSIGN, ca.OP_LIFT}
-"""Operations that give their first operand; the second of a lift is a start value for solvers."""
-
-
-@dataclass(frozen=True)
-class Listing:
-    """A function as a list of operations, each with a name of its own.
-
-    Attributes
-    ----------
-    reads : name -> (argument, row) of the inputs that are used.
-    operations : name -> (operation of CasADi, names or constants it works on), in order.
-    results : name or constant of each nonzero of the result.
-    """
-
-    reads: Mapping[str, tuple[str, int]]
-    operations: Mapping[str, tuple[int, tuple[str, ...]]]
-    results: tuple[str, ...]
+from .operations import instructions, operand_text
 
 
 def kernel_source(function: Any, name: str) -> str:
@@ -205,59 +183,5 @@ def _scopes(kind: str, rows: Sequence[int]) -> str:
 def _statements(listing: Listing) -> list[str]:
     lines = []
     for name, (operation, operands) in listing.operations.items():
-        lines += instructions(operation, name, operands)
+        lines += instructions(getattr(ca, f"OP_{operation.name}"), name, operands)
     return lines
-
-
-def listing_of(function: Any) -> Listing:
-    """Walk over CasADi's instructions; what was computed before is not computed again."""
-    function = _checked(function)
-    slots: dict[int, str] = {}
-    known: dict[tuple[Any, ...], str] = {}
-    reads: dict[str, tuple[str, int]] = {}
-    operations: dict[str, tuple[int, tuple[str, ...]]] = {}
-    results = ["0.0"] * function.nnz_out(0)
-    for i in range(function.n_instructions()):
-        operation = function.instruction_id(i)
-        taken, given = function.instruction_input(i), function.instruction_output(i)
-        if operation == ca.OP_OUTPUT:
-            results[given[1]] = slots[taken[0]]
-        elif operation == ca.OP_CONST:
-            slots[given[0]] = repr(float(function.instruction_constant(i)))
-        elif operation == ca.OP_INPUT:
-            name = f"{_ARGUMENTS[taken[0]]}{taken[1]}"
-            slots[given[0]], reads[name] = name, (_ARGUMENTS[taken[0]], taken[1])
-        elif operation in _SAME:
-            slots[given[0]] = slots[taken[0]]
-        else:
-            operands = tuple(slots[slot] for slot in taken)
-            order = tuple(sorted(operands)) if operation in _COMMUTATIVE else operands
-            name = known.setdefault((supported(operation), order), f"x{len(known)}")
-            operations.setdefault(name, (operation, operands))
-            slots[given[0]] = name
-    used = {*results, *(operand for _, taken in operations.values() for operand in taken)}
-    reads = {name: place for name, place in reads.items() if name in used}
-    return Listing(reads, operations, tuple(results))
-
-
-def _checked(function: Any) -> Any:
-    """Return the function in scalar operations, if it has the form that is wanted."""
-    if function.n_in() != 2 or function.n_out() != 1:
-        raise WideberthError(
-            f"{function} has {function.n_in()} arguments and {function.n_out()} results; wanted "
-            "are two, (v, p), and one: stack them with casadi.vertcat"
-        )
-    for i in range(2):
-        shape = function.sparsity_in(i)
-        if not (shape.is_dense() and (shape.is_column() or shape.is_empty())):
-            raise WideberthError(
-                f"argument {_ARGUMENTS[i]} of {function} is {shape.dim()}; wanted is a dense "
-                "column: pass it as a vector and reshape it inside"
-            )
-    expanded = function if function.is_a("SXFunction") else function.expand()
-    if expanded.has_free():
-        raise WideberthError(
-            f"{function} depends on {expanded.get_free()}, which are not among its arguments; "
-            "add them to v or p"
-        )
-    return expanded

@@ -60,7 +60,7 @@ def _function(listing: Listing, name: str) -> Iterator[str]:
 _FIRST = (0, False)
 
 
-def _loops(listing: Listing) -> dict[tuple[int, bool], Collection[str]]:
+def _loops(listing: Listing) -> Mapping[tuple[int, bool], Collection[str]]:
     """Operations by the calls that precede them, and by whether they are calls themselves."""
     places: dict[str, tuple[int, bool]] = {}
     loops: dict[tuple[int, bool], dict[str, None]] = {_FIRST: {}}

@@ -58,7 +58,7 @@ def compile_once(text: str, names: Sequence[str]) -> dict[str, int]:
 
 
 def _flags(compiler: Sequence[str]) -> tuple[list[str], str]:
-    """Flags for this processor, and all that the compiler defines: its version and the target."""
+    """Return flags for this processor, and the macros that name the compiler and the target."""
     for flags in ([*FLAGS, _NATIVE], [*FLAGS]):
         done = _run([*compiler, *flags, "-E", "-dM", "-x", "c", os.devnull])
         if not done.returncode:

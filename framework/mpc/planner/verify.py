@@ -280,7 +280,8 @@ def _motion(problem: Problem, points: Sequence[Guess]) -> Array:
     steps_of[n : n + m] = _stacked([point.inputs for point in points]).transpose(2, 0, 1)
     rows = problem.constraint_values("motion", steps_of, _NONE)
     broken = np.maximum.reduce(np.abs(rows[:n]), axis=0, initial=0.0)
-    return np.maximum(broken, np.maximum.reduce(-rows[n:], axis=0, initial=0.0))
+    motion: Array = np.maximum(broken, np.maximum.reduce(-rows[n:], axis=0, initial=0.0))
+    return motion
 
 
 def _entered_at(
