@@ -80,10 +80,11 @@ static int execute(PyObject *module) {
     PyObject *sizes =
         Py_BuildValue("(nnnnnnn)", sizeof(wb_problem), sizeof(wb_kind), sizeof(wb_slots),
                       sizeof(wb_settings), sizeof(wb_start), sizeof(wb_result), sizeof(task));
-    return PyModule_AddObjectRef(module, "PROGRAM", address) < 0 ||
-                   PyModule_AddObjectRef(module, "SIZES", sizes) < 0
-               ? -1
-               : 0;
+    int failed = PyModule_AddObjectRef(module, "PROGRAM", address) < 0 ||
+                 PyModule_AddObjectRef(module, "SIZES", sizes) < 0;
+    Py_XDECREF(address);
+    Py_XDECREF(sizes);
+    return -failed;
 }
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, execute}, {0, NULL}};
