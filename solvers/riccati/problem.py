@@ -1,6 +1,5 @@
 """A problem as the C core takes it: its stage functions, sizes and bounds."""
 
-import ctypes
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -25,7 +25,7 @@ from ...framework.mpc.solver import (
     refuse_unequal,
     unwrapped,
 )
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Status
 from ..fatrop import Fatrop
@@ -44,7 +44,6 @@ from .interior_point import (
     TOLERANCE,
     WARM_DISTANCE,
 )
-
 from .problem import CoreProblem, core_problem
 from .workspace import ResultTable, Settings, Workspace, run_all
 

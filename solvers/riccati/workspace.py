@@ -158,9 +158,7 @@ class Workspace:
 
         steps, n, m = len(parameters.speed), problem.n, problem.m
         width = width_of(problem)
-        slots = [
-            _SlotArrays(kind, one) for kind, one in zip(kinds, parameters.slots, strict=True)
-        ]
+        slots = [_SlotArrays(kind, one) for kind, one in zip(kinds, parameters.slots, strict=True)]
         self._head = np.zeros((steps, problem.head))
         self._initial = np.zeros(n)
         self._states, self._inputs = np.zeros((steps + 1, n)), np.zeros((steps, m))

@@ -5,10 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine import progress as module
 from wideberth.experiments.engine.progress import progress, time_left, working
-from wideberth.framework.values.errors import WideberthError
 
 
 def test_the_range_holds_what_then_comes() -> None:

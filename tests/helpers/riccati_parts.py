@@ -97,12 +97,15 @@ class Parts:
 
     def multiplier_step(self, row: int) -> Array:
         """View of the steps of an inequality's multiplier."""
-        return self._view(self.library.parts_multiplier_step(row), 1, 0)[0]
+        step: Array = self._view(self.library.parts_multiplier_step(row), 1, 0)[0]
+        return step
 
     def _view(self, place: int, rows: int, columns: int) -> Array:
         columns = columns or self.wide
-        numbers = (ctypes.c_double * (rows * columns)).from_address(place) if rows else []
-        return np.asarray(numbers, dtype=np.float64).reshape(rows, columns)
+        if not rows:
+            return np.zeros((0, columns))
+        view: Array = np.asarray((ctypes.c_double * (rows * columns)).from_address(place))
+        return view.reshape(rows, columns)
 
     def numbers(self, mu: float, rho: float, delta: float, weight: float, level: float) -> None:
         """Set barrier, price, regularisations, and the step of the level."""

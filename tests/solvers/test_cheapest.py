@@ -30,8 +30,8 @@ from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.riccati import solver
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.solvers.riccati.workspace import KindTable, ProblemTable, Settings, address
-from wideberth.tests.helpers.riccati_parts import Parts, compile_parts
 from wideberth.tests.helpers.problems import assemble
+from wideberth.tests.helpers.riccati_parts import Parts, compile_parts
 
 SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 ROBOT = Unicycle()

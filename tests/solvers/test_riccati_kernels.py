@@ -110,7 +110,7 @@ def _check_drive(
         )
         return np.asarray(gradient + v[w : w + n] @ jacobian - v[w + n :] @ slope)
 
-    f, cost, gradient, jacobian, hessian, c, slope = Pieces.of(made.functions["drive"], v, p).cut(
+    f, cost, gradient, jacobian, hessian, _, slope = Pieces.of(made.functions["drive"], v, p).cut(
         *shapes
     )
     following = np.asarray(problem.dynamics(x, u)).ravel()

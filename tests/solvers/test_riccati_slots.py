@@ -72,7 +72,7 @@ class Crowd:
 
     @property
     def columns(self) -> int:
-        return USED * self.parts.wide
+        return USED * int(self.parts.wide)
 
     def slot(self, name: str, rows: int) -> Array:
         return self.parts.array(f"slots.{name}", rows, self.columns)
