@@ -130,7 +130,7 @@ class Folder:
     def written(self, parameters: Parameters, guess: Guess) -> Any:
         """Return the problem in C for what Python solves."""
         row = np.zeros((), dtype=self.given)
-        row["build"] = int(self.solver.build[9:-1], 16)
+        row["build"] = self.solver.build
         row["initial"], row["reference"] = parameters.initial, parameters.reference
         row["direction"], row["speed"] = parameters.direction, parameters.speed
         row["start_states"], row["start_inputs"] = guess.states, guess.inputs
@@ -187,7 +187,7 @@ class Folder:
         point = solution.point
         assert STATUS[int(result["status"])] is solution.status
         assert abs(int(result["iterations"]) - solution.iterations) <= 1
-        np.testing.assert_allclose(result["cost"], solution.cost, CLOSE, CLOSE)
+        np.testing.assert_allclose(result["cost"], solution.cost, 10.0 * CLOSE)  # slack is dear
         for name in ("states", "inputs", "slack"):
             np.testing.assert_allclose(result[name], getattr(point, name), 0.0, CLOSE, err_msg=name)
         if self.problem.shared:

@@ -168,7 +168,7 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
         ("DETECTIONS", DETECTIONS, "of an observation, at most"),
         ("PATH_POINTS", PATH_POINTS, "of a path, at most"),
         ("NAME", NAME, "bytes of an identity, its closing zero included"),
-        ("PLAN_BUILD", one.solver.build, "the same in all files"),
+        ("PLAN_BUILD", f"UINT64_C({one.solver.build})", "the same in all files"),
     ]
     numbers: list[Define] = [
         ("PLAN_DT", problem.dt, "s per step"),

@@ -80,10 +80,10 @@ class ExportedSolver:
         return c_source({PREFIX + name: one for name, one in self.functions.items()})
 
     @property
-    def build(self) -> str:
-        """Number of 64 bits, in C, that no other export has."""
+    def build(self) -> int:
+        """Number of 64 bits that no other export has."""
         parts = (__version__, self.text, self.subject.problem.key, self.margin, self.aims)
-        return f"UINT64_C(0x{sha256(repr(parts).encode()).hexdigest()[:16]})"
+        return int.from_bytes(sha256(repr(parts).encode()).digest()[:8], "big")
 
     @property
     def filled(self) -> tuple[bool, ...]:

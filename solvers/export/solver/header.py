@@ -57,7 +57,7 @@ def _needs(solver: ExportedSolver) -> list[Define]:
         ("MEMORY", solver.memory, "what wideberth_solve is given"),
         ("STACK", solver.stack, "at most, of wideberth_solve with all that it calls"),
         ("ITERATIONS", solver.settings.iterations, "limit of iterations"),
-        ("BUILD", solver.build, "the same in all files of one export"),
+        ("BUILD", f"UINT64_C({solver.build})", "the same in all files of one export"),
     ]
 
 

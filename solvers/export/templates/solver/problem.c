@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#if WIDEBERTH_BUILD != {{ build }}
+#if WIDEBERTH_BUILD != UINT64_C({{ build }})
 #error "wideberth: problem.c and wideberth_solver.h are of different exports"
 #endif
 
