@@ -55,7 +55,7 @@ def _sizes(solver: ExportedSolver) -> list[Define]:
 def _needs(solver: ExportedSolver) -> list[Define]:
     return [
         ("MEMORY", solver.memory, "what wideberth_solve is given"),
-        ("STACK", solver.stack, "at most, of wideberth_solve with all that it calls"),
+        ("STACK", solver.stack, "enough for wideberth_solve compiled by GCC"),
         ("ITERATIONS", solver.settings.iterations, "limit of iterations"),
         ("BUILD", f"UINT64_C({solver.build})", "the same in all files of one export"),
     ]

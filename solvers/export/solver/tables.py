@@ -19,13 +19,15 @@ _SLOT_SIZES = (
 
 def problem_header(solver: ExportedSolver) -> str:
     """Return the text of problem.h."""
-    checks = [one for name, one in solver.functions.items() if name.startswith("check")]
+    checks = [
+        one for name, one in solver.functions.items() if name.startswith(("check", "motion"))
+    ]  # that of the motion, so that arrays are long enough where there are no slots
     rows = [
         ("MOTION_ROWS", solver.rows("motion"), "constraints of a step"),
         ("FINAL_ROWS", solver.rows("final"), "further ones of x_N"),
-        ("MOST_VARIABLES", _most(one.numel_in(0) for one in checks), "of a slot"),
-        ("MOST_NUMBERS", _most(one.numel_in(1) for one in checks), "of a slot"),
-        ("MOST_ROWS", _most(one.numel_out(0) for one in checks), "constraints of a slot"),
+        ("MOST_VARIABLES", max(one.numel_in(0) for one in checks), "of a slot and its state"),
+        ("MOST_NUMBERS", max(1, *(one.numel_in(1) for one in checks)), "of a slot"),
+        ("MOST_ROWS", max(one.numel_out(0) for one in checks), "constraints of a slot"),
     ]
     return rendered(
         "solver/problem.h",
@@ -120,7 +122,3 @@ def _doubles(name: str, values: Iterable[float]) -> tuple[str, list[str]]:
 
 def _kernel(name: str) -> str:
     return f"{{{PREFIX}{name}, NULL}}"
-
-
-def _most(counts: Iterable[int]) -> int:
-    return max([1, *map(int, counts)])

@@ -322,7 +322,7 @@ int wideberth_solve(const wideberth_problem *problem, void *memory, size_t size,
 static double worst_of(double worst, const double *rows, int count, int first, int last) {
     for (int r = 0; r < count; r++) {
         const double violation = r >= first && r < last ? fabs(rows[r]) : -rows[r];
-        worst = violation <= worst ? worst : violation;
+        if (violation > worst || violation != violation) worst = violation;
     }
     return worst;
 }
