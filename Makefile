@@ -82,9 +82,8 @@ acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/ac
 	  wheel/acados/install/bin . && cd interfaces/acados_template && \
 	  ln -s ../../wheel/acados/acados_template .
 
-core: .venv/zig/ziglang ## compile the solver riccati to the machine code that is shipped
+core: .venv/zig/ziglang ## compile the interpreter of programs to the machine code that is shipped
 	PYTHONPATH=$(CURDIR)/.venv/zig $(BIN)/python -m wideberth.framework.jit.interpreter
-	PYTHONPATH=$(CURDIR)/.venv/zig $(BIN)/python -m wideberth.solvers.riccati.emit
 
 # Its linker links for every processor.
 .venv/zig/ziglang: | .venv/ready

@@ -633,25 +633,6 @@ def demo(
         _run(experiment, out / name, workers, True, plugins, True)
 
 
-@app.command()
-def warmup() -> None:
-    """Compile the fast solver `riccati`, so that its first use does not wait."""
-    import time
-
-    import numpy as np
-
-    from ...framework.mpc.planner.recommended import recommended
-    from ...framework.values.path import Path as Route
-    from ...solvers.riccati.compiled import LEAST_KINDS, core
-    from ..engine.progress import span
-
-    begin = time.monotonic()
-    core(LEAST_KINDS)  # the same for all planners; raises where nothing can be compiled
-    planner = recommended(quiet=True)
-    planner.set_path(Route(np.array([[0.0, 0.0], [5.0, 0.0]])))  # decides once, with none near
-    typer.echo(f"riccati is ready for the recommended planner; {span(time.monotonic() - begin)}")
-
-
 @app.command(no_args_is_help=True)
 def export(
     config: Config,

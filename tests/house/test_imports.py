@@ -26,9 +26,6 @@ HEAVY = {
     "numba", "mujoco", "rosbags", "rclpy", "scipy", "shapely", "loky", "cloudpickle", "jinja2",
     "platformdirs", "pyarrow", "pyrvo",
 }  # fmt: skip
-COMPILED = ROOT / "solvers" / "riccati" / "_core.py"
-"""The file for Numba, imported only to be compiled. Its functions are longer: whatever a
-function calls is compiled into it once more, so that a tree of small ones takes minutes."""
 
 
 def files_of(room: str) -> list[Path]:
@@ -260,7 +257,7 @@ def test_heavy_libraries_are_imported_late(room: str) -> None:
         f"{path.relative_to(ROOT)} imports {module}"
         for path in files_of(room)
         for module in imported_at_once(path)
-        if module in HEAVY and not (path == COMPILED and module == "numba")
+        if module in HEAVY
     ]
     assert not wrong, "import it inside the function"
 
@@ -296,7 +293,7 @@ def test_functions_are_short(room: str) -> None:
         for path in files_of(room)
         for node in ast.walk(parsed(path))
         if isinstance(node, ast.FunctionDef)
-        and lines_below_docstring(node) > (120 if path == COMPILED else 40)
+        and lines_below_docstring(node) > 40
     ]
     assert not wrong, "lines below the docstring; wanted at most 40"
 

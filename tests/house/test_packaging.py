@@ -97,9 +97,7 @@ def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path)
     wanted |= {f"wideberth/docs/{name}.md" for name in ("results", "metrics")}  # for reports
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
     wanted |= {"wideberth/nav2/names.yaml"}
-    core = ROOT / "solvers/riccati"
-    shipped = [*core.glob("*.ll"), *(core / "objects").iterdir()]
-    shipped += (ROOT / "framework/jit/objects").iterdir()
+    shipped = [*(ROOT / "framework/jit/objects").iterdir()]
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
     programs = [*(ROOT / "solvers/export").glob("*/c/*")]
     programs += (ROOT / "solvers/export/planner/nav2").iterdir()

@@ -73,18 +73,15 @@ static PyMethodDef methods[] = {
     {"work", work, METH_O, "Doubles of scratch memory that a program needs."},
     {NULL, NULL, 0, NULL}};
 
-/* Numbers that Python needs: the address of the evaluator, and sizes of what it fills in. */
+/* Give Python the address of the evaluator, and the sizes of what it fills in. */
 static int execute(PyObject *module) {
     choose_level();
     PyObject *address = PyLong_FromLongLong((intptr_t)program);
-    if (address == NULL || PyModule_AddObject(module, "PROGRAM", address) < 0) return -1;
-    return PyModule_AddIntConstant(module, "SIZE_OF_PROBLEM", sizeof(wb_problem)) ||
-                   PyModule_AddIntConstant(module, "SIZE_OF_KIND", sizeof(wb_kind)) ||
-                   PyModule_AddIntConstant(module, "SIZE_OF_SLOTS", sizeof(wb_slots)) ||
-                   PyModule_AddIntConstant(module, "SIZE_OF_SETTINGS", sizeof(wb_settings)) ||
-                   PyModule_AddIntConstant(module, "SIZE_OF_START", sizeof(wb_start)) ||
-                   PyModule_AddIntConstant(module, "SIZE_OF_RESULT", sizeof(wb_result)) ||
-                   PyModule_AddIntConstant(module, "SIZE_OF_TASK", sizeof(task))
+    PyObject *sizes =
+        Py_BuildValue("(nnnnnnn)", sizeof(wb_problem), sizeof(wb_kind), sizeof(wb_slots),
+                      sizeof(wb_settings), sizeof(wb_start), sizeof(wb_result), sizeof(task));
+    return PyModule_AddObjectRef(module, "PROGRAM", address) < 0 ||
+                   PyModule_AddObjectRef(module, "SIZES", sizes) < 0
                ? -1
                : 0;
 }

@@ -34,7 +34,7 @@ static void start_multipliers(core *s) {
 /* Mean of multiplier times slack, of the multipliers that are numbers. */
 static double mean_product(const core *s) {
     double total = 0.0, count = 0.0;
-    for (int64_t k = 0; k < s->row_count; k++)
+    for (int64_t k = 0; k < s->given_count; k++)
         for (int64_t i = s->rows[k].first; i < s->steps; i++) {
             const double product = s->rows[k].y[i] * s->rows[k].t[i];
             total += product == product ? product : 0.0;
@@ -62,10 +62,10 @@ static void try_bounds(core *s) {
     }
 }
 
-/* Add the logarithms of the stages' products before they leave the range of numbers. */
+/* Add the logarithms of the stages' products while the product of two is still a number. */
 static void flush_products(const core *s, double *product, double *total) {
     for (int64_t i = 0; i < s->steps; i++)
-        if (!(product[i] > 1e-200 && product[i] < 1e200)) {
+        if (!(product[i] > 1e-100 && product[i] < 1e100)) {
             *total += log(product[i]);
             product[i] = 1.0;
         }
@@ -85,7 +85,7 @@ static void merit_of_rows(core *s, merit *point) {
             const double next = next_slack(t[i], length * dt[i], here, least);
             theta += next - here;
             product[i] *= next;
-            beyond |= !(product[i] > 1e-200 && product[i] < 1e200);
+            beyond |= !(product[i] > 1e-100 && product[i] < 1e100);
         }
         if (beyond) flush_products(s, product, &point->logarithms);
     }
@@ -94,13 +94,13 @@ static void merit_of_rows(core *s, merit *point) {
     point->theta += theta;
 }
 
-/* Take the step in slacks and multipliers; `eps` is that after the step. */
+/* Take the step, to the trial point, in slacks and multipliers. */
 static void accept_rows(core *s, double primal, double dual) {
     const double least = 1.0 - s->share, mu = s->mu;
     for (int64_t k = 0; k < s->row_count; k++) {
         const inequality *q = s->rows + k;
         double *restrict t = q->t, *restrict y = q->y;
-        const double *dt = q->dt, *dy = q->dy, *tried = q->tried, *eps = q->eps;
+        const double *dt = q->dt, *dy = q->dy, *tried = q->tried, *eps = q->trial_eps;
         LOOP (i, q->first, s->steps) {
             t[i] = next_slack(t[i], primal * dt[i], tried[i] + eps[i], least);
             y[i] = clip_multiplier(y[i] + dual * dy[i], t[i], mu);
@@ -234,7 +234,7 @@ static void rescale(core *s) {
         s->slots[k].weight = s->scale * s->slots[k].kind->regularisation;
 }
 
-/* Slack of the regions and all multipliers for the barrier mu; values are those of the trial. */
+/* Slack of the regions for the barrier mu; values are those of the trial point. */
 static void start_slack(core *s) {
     const double push = s->settings->push;
     for (int64_t i = 0; i < s->steps; i++) {
@@ -243,59 +243,32 @@ static void start_slack(core *s) {
             deepest = smaller(deepest, s->rows[k].tried[i]);
         /* inside a region, as far from zero as the region is deep: short slacks mean short steps */
         s->eps[i] = deepest > -push ? s->mu / s->rho - deepest : push - 2.0 * deepest;
-        s->nu[i] = s->mu / s->eps[i];
+        s->trial_eps[i] = s->eps[i];
     }
-    start_multipliers(s);
 }
 
-/* Where the multipliers of a step begin in a row of results and of a start. */
-typedef struct {
-    int64_t upper, dynamics, inputs, nodes, slack, level, width;
-} places;
-
-static places places_of(const core *s) {
-    places at = {s->w, 2 * s->w, 2 * s->w + s->n, 0, 0, 0, 0};
-    at.nodes = at.inputs + s->limits[0].count;
-    at.slack = at.nodes + s->limits[1].count;
-    at.level = at.slack + 1;
-    at.width = at.slack + 2;
-    return at;
+/* Copy given multipliers of the path; those of the stages' slack and of the level come last. */
+static void copy_multipliers(core *s) {
+    const int64_t count = s->multiplier_rows;
+    for (int64_t i = 0; i < s->steps; i++)
+        for (int64_t r = 0; r < count; r++)
+            s->multipliers[r][i] = s->scale * s->start->multipliers[i * count + r];
 }
 
 /* Take given multipliers instead; mu is the mean of multiplier times gap, at most the first mu.
  *
  * Where none is given, NaN, the multiplier becomes mu / gap. */
 static void take_multipliers(core *s) {
-    const places at = places_of(s);
-    const double *given = s->start->multipliers;
-    for (int64_t i = 0; i < s->steps; i++, given += at.width) {
-        for (int64_t r = 0; r < s->w; r++) {
-            s->zl[r * s->wide + i] = s->scale * given[r];
-            s->zu[r * s->wide + i] = s->scale * given[at.upper + r];
-        }
-        for (int64_t j = 0; j < s->robot_count; j++)
-            s->rows[j].y[i] = s->scale * given[at.inputs + j];
-    }
+    copy_multipliers(s);
     for (int64_t k = 0; k < s->problem->kinds; k++) take_of_slots(s, s->slots + k);
     s->mu = larger(s->mu, smaller(s->settings->barrier, mean_product(s)));
-    given = s->start->multipliers;
     if (s->minimum > -INFINITY)
-        s->zs = known_multiplier(s->scale * given[at.level], s->level - s->minimum, s->mu);
+        s->zs = known_multiplier(s->zs_row[0], s->level - s->minimum, s->mu);
     for (int64_t i = 0; s->slot_count && i < s->steps; i++) {
-        double price = s->scale * given[i * at.width + at.slack];
-        s->nu[i] = smaller(larger(price, s->rho / WB_WARM_RANGE), s->rho);
-        s->eps[i] = s->mu / s->nu[i];
+        s->nu[i] = smaller(larger(s->nu[i], s->rho / WB_WARM_RANGE), s->rho);
+        s->eps[i] = s->trial_eps[i] = s->mu / s->nu[i];
     }
     clip_multipliers(s);
-}
-
-/* Take given multipliers of the dynamics. */
-static void take_costates(core *s) {
-    const places at = places_of(s);
-    for (int64_t i = 0; i < s->steps; i++)
-        for (int64_t r = 0; r < s->n; r++)
-            s->v[(s->w + r) * s->wide + i] =
-                s->scale * s->start->multipliers[i * at.width + at.dynamics + r];
 }
 
 /* Values and derivatives of everything at the present point, that was tried last. */
@@ -303,7 +276,7 @@ static void differentiate(core *s) {
     const int64_t wide = s->wide;
     for (int64_t r = 0; r < s->n; r++)
         memcpy(s->vn + r * wide, s->v + r * wide + 1, (size_t)s->steps * sizeof *s->v);
-    if (s->limits[0].count > 0) /* else `try_point` did */
+    if (s->problem->input_rows > 0) /* else `try_point` did */
         call_drive(s, s->v);
     call_node(s);
     for (int64_t k = 0; k < s->problem->kinds; k++) differentiate_slots(s, s->slots + k);
@@ -323,7 +296,7 @@ static void try_point(core *s, double level) {
     LOOP (c, 0, n * wide) s->trial_v[s->w * wide + c] = s->v[s->w * wide + c] + length * s->dpi[c];
     for (int64_t r = 0; r < n; r++)
         memcpy(s->trial_vn + r * wide, s->trial_v + r * wide + 1, (size_t)s->steps * sizeof *s->v);
-    LOOP (i, 0, s->steps) s->trial_eps[i] = s->eps[i] + length * s->deps[i];
+    LOOP (i, 0, s->wide) s->trial_eps[i] = s->eps[i] + length * s->deps[i];
     call_drive(s, s->trial_v);
     call(s, &s->problem->node_values, wide, wide, s->trial_vn, s->columns, s->trial_node);
     for (int64_t k = 0; k < s->problem->kinds; k++) try_slots(s, s->slots + k, level);
@@ -342,14 +315,7 @@ static merit merit_of(core *s, double level) {
     point.plain = point.cost;
     merit_of_rows(s, &point);
     for (int64_t k = 0; k < s->problem->kinds; k++) merit_of_slots(s, s->slots + k, &point);
-    if (s->slot_count) {
-        double product = 1.0;
-        for (int64_t i = 0; i < s->steps; i++) {
-            point.cost += s->rho * s->trial_eps[i];
-            add_logarithm(&point.logarithms, &product, s->trial_eps[i]);
-        }
-        point.logarithms += log(product);
-    }
+    for (int64_t i = 0; i < s->steps; i++) point.cost += s->rho * s->trial_eps[i];
     if (s->minimum > -INFINITY) point.logarithms += log(level - s->minimum);
     return point;
 }
@@ -381,13 +347,12 @@ static double stationarity_of_path(core *s) {
 }
 
 /* Add the forces of the robot's inequalities. */
-static void stationarity_of_limits(core *s, const limits *rows) {
-    for (int64_t j = 0; j < rows->count; j++)
-        for (int64_t r = 0; r < rows->width; r++) {
-            const double *slope = rows->slope + (j * rows->width + r) * s->wide;
-            const double *y = rows->rows[j].y;
-            double *restrict pull = s->pull + r * s->wide + rows->after;
-            LOOP (i, rows->rows[j].first, s->steps) pull[i] -= y[i] * slope[i];
+static void stationarity_of_limits(core *s) {
+    for (const inequality *q = s->rows; q < s->rows + s->robot_count; q++)
+        for (int64_t r = 0; r < q->width; r++) {
+            const double *slope = q->slope + r * s->wide, *y = q->y;
+            double *restrict pull = s->pull + r * s->wide + q->after;
+            LOOP (i, q->first, s->steps) pull[i] -= y[i] * slope[i];
         }
 }
 
@@ -408,7 +373,7 @@ static errors errors_of(core *s) {
     double force = s->level_out[LANES], primal = 0.0, dual = 0.0, wrong = 0.0;
     LOOP (c, 0, TALLIES * wide) s->tally[c] = 0.0;
     double total = stationarity_of_path(s);
-    for (int64_t k = 0; k < 2; k++) stationarity_of_limits(s, s->limits + k);
+    stationarity_of_limits(s);
     for (int64_t k = 0; k < s->problem->kinds; k++) force += stationarity_of_slots(s, s->slots + k);
     total += stationarity_of_rows(s);
     for (int64_t r = 0; r < s->n; r++) primal = largest_of(s->gap + r * wide, steps, primal);
@@ -419,11 +384,8 @@ static errors errors_of(core *s) {
     for (int64_t i = 0; i < steps; i++) {
         primal = max_or_nan(s->tally[RESIDUAL * wide + i], primal);
         wrong = max_or_nan(s->tally[COMPLEMENTARITY * wide + i], wrong);
-        if (s->slot_count) {
+        if (s->slot_count)
             dual = max_or_nan(fabs(s->rho - s->tally[PRESSURE * wide + i] - s->nu[i]), dual);
-            wrong = max_or_nan(fabs(s->eps[i] * s->nu[i] - s->mu), wrong);
-            total += s->nu[i];
-        }
     }
     if (s->minimum > -INFINITY) {
         force -= s->zs;
@@ -439,31 +401,29 @@ static errors errors_of(core *s) {
 /* ---- Newton step */
 
 /* Add to the condensed quadratic what the robot's inequalities contribute, t and y eliminated. */
-static void add_limits(core *s, const limits *rows) {
-    const int64_t wide = s->wide;
-    double *restrict sigma = s->pull, *restrict force = s->pull + wide;
-    for (int64_t j = 0; j < rows->count; j++) {
-        const inequality *q = rows->rows + j;
+static void add_limits(core *s) {
+    double *restrict sigma = s->pull, *restrict force = s->pull + s->wide;
+    for (const inequality *q = s->rows; q < s->rows + s->robot_count; q++) {
         LOOP (i, q->first, s->steps) {
             sigma[i] = q->y[i] / q->t[i];
             force[i] = s->mu / q->t[i] - sigma[i] * (q->value[i] - q->t[i]);
         }
-        for (int64_t r = 0; r < rows->width; r++) {
-            const double *slope = rows->slope + (j * rows->width + r) * wide;
-            double *restrict into = s->gradient + r * wide + rows->after;
+        for (int64_t r = 0; r < q->width; r++) {
+            const double *slope = q->slope + r * s->wide;
+            double *restrict into = s->gradient + r * s->wide + q->after;
             LOOP (i, q->first, s->steps) into[i] -= force[i] * slope[i];
             for (int64_t c = 0; c <= r; c++) {
-                const double *other = rows->slope + (j * rows->width + c) * wide;
-                into = s->hessian + triangle(r, c) * wide + rows->after;
+                const double *other = q->slope + c * s->wide;
+                into = s->hessian + triangle(r, c) * s->wide + q->after;
                 LOOP (i, q->first, s->steps) into[i] += sigma[i] * slope[i] * other[i];
             }
         }
     }
 }
 
-/* Add what the bounds of states and inputs contribute. */
+/* Add what the bounds contribute to curvature and gradient. */
 static void add_bounds(core *s) {
-    for (int64_t k = 0; k < s->path_bounds; k++) {
+    for (int64_t k = 0; k < s->bound_count; k++) {
         const double *t = s->bounds[k].row->t, *z = s->bounds[k].row->y;
         const double force = s->bounds[k].sign * s->mu;
         double *restrict curve = s->bounds[k].curve, *restrict gradient = s->bounds[k].gradient;
@@ -513,6 +473,12 @@ static int condense(core *s) {
     memset(s->hessian, 0, (size_t)s->quadratic_size * sizeof *s->hessian);
     s->top[0] = s->level_out[2 * LANES];
     s->top[1] = s->level_out[LANES];
+    for (slots *o = s->slots; o < s->slots + s->problem->kinds; o++)
+        LOOP (c, 0, o->own * o->columns) {
+            o->curve[c] = 2.0 * o->weight + s->delta;
+            o->side[c] = 2.0 * o->weight * (o->a[c] - o->drawn[c]);
+        }
+    add_bounds(s);
     for (int64_t k = 0; k < s->problem->kinds; k++)
         if (!condense_slots(s, s->slots + k)) return 0;
     if (s->slot_count) eliminate_slack(s);
@@ -526,8 +492,7 @@ static int condense(core *s) {
             LOOP (i, 0, s->steps) into[i] += given[i];
         }
     }
-    add_bounds(s);
-    for (int64_t k = 0; k < 2; k++) add_limits(s, s->limits + k);
+    add_limits(s);
     if (s->minimum > -INFINITY) {
         double inverse = 1.0 / (s->level - s->minimum);
         s->top[0] += s->zs * inverse;
@@ -540,24 +505,21 @@ static int condense(core *s) {
  * whether there is one. */
 static int direction(core *s) {
     const double last = s->delta;
-    const sweep *recursion = sweep_for(s->n, s->m);
     s->delta = 0.0;
     while (s->delta < WB_LARGEST_SHIFT) {
-        if (condense(s) && recursion->backward(s)) {
+        if (condense(s) && backward(s)) {
             if (s->delta == 0.0) s->delta = last;
-            recursion->forward(s);
-            return 1;
+            return forward(s);
         }
         if (s->delta == 0.0)
             s->delta =
                 last == 0.0 ? WB_FIRST_SHIFT : larger(WB_SMALLEST_SHIFT, last / WB_SHIFT_DECREASE);
-        else
-            s->delta *= last == 0.0 ? WB_FIRST_GROWTH : WB_SHIFT_GROWTH;
+        else s->delta *= last == 0.0 ? WB_FIRST_GROWTH : WB_SHIFT_GROWTH;
     }
     return 0;
 }
 
-/* Write the steps of the stages' slacks and their multipliers from those of states and level. */
+/* Write the steps of the stages' slacks from those of states and level. */
 static void recover_slack(core *s) {
     const int64_t wide = s->wide, last = s->seen_count + s->shared;
     const double *side = s->force + last * wide, *own = s->region + triangle(last, last) * wide;
@@ -567,10 +529,7 @@ static void recover_slack(core *s) {
         const double *dx = r < s->seen_count ? s->dv + s->seen[r] * wide + 1 : NULL;
         LOOP (i, 0, s->steps) s->deps[i] += row[i] * (dx ? dx[i] : s->dlevel);
     }
-    LOOP (i, 0, s->steps) {
-        s->deps[i] = -s->deps[i] / own[i];
-        s->dnu[i] = (s->mu - s->nu[i] * s->deps[i]) / s->eps[i] - s->nu[i];
-    }
+    LOOP (i, 0, s->steps) s->deps[i] = -s->deps[i] / own[i];
 }
 
 /* Correct the step of the constraint with the largest multiplier at each stage.
@@ -594,13 +553,11 @@ static void refine_multipliers(core *s) {
 }
 
 /* Write the steps of the slacks of the robot's inequalities. */
-static void step_of_limits(core *s, const limits *rows) {
-    for (int64_t j = 0; j < rows->count; j++) {
-        const inequality *q = rows->rows + j;
+static void step_of_limits(core *s) {
+    for (const inequality *q = s->rows; q < s->rows + s->robot_count; q++) {
         LOOP (i, q->first, s->steps) q->dt[i] = q->value[i] - q->t[i];
-        for (int64_t r = 0; r < rows->width; r++) {
-            const double *slope = rows->slope + (j * rows->width + r) * s->wide;
-            const double *move = s->dv + r * s->wide + rows->after;
+        for (int64_t r = 0; r < q->width; r++) {
+            const double *slope = q->slope + r * s->wide, *move = s->dv + r * s->wide + q->after;
             LOOP (i, q->first, s->steps) q->dt[i] += slope[i] * move[i];
         }
     }
@@ -614,7 +571,7 @@ typedef struct {
 
 /* Write the steps of all slacks and multipliers, and measure the step. */
 static reach measure_step(core *s) {
-    double primal = 0.0, dual = 0.0;
+    double primal = 0.0, dual = 0.0, slack = 0.0;
     reach step = {0.0, 0.0, s->level_out[LANES] * s->dlevel, 0.0};
     for (int64_t r = 0; r < s->w; r++)
         LOOP (i, r * s->wide, r * s->wide + s->steps)
@@ -623,7 +580,7 @@ static reach measure_step(core *s) {
         LOOP (i, r * s->wide, r * s->wide + s->steps)
             step.slope += s->node[s->wide + i] * s->dv[i + 1];
     step.fall = step.slope;
-    for (int64_t k = 0; k < 2; k++) step_of_limits(s, s->limits + k);
+    step_of_limits(s);
     if (s->slot_count) {
         recover_slack(s);
         for (int64_t k = 0; k < s->problem->kinds; k++) expand_slots(s, s->slots + k);
@@ -632,12 +589,8 @@ static reach measure_step(core *s) {
     if (s->slot_count) refine_multipliers(s);
     boundary_of_rows(s, &primal, &dual, &step.slope);
     for (int64_t k = 0; k < s->problem->kinds; k++) step.slope += slope_of_slots(s, s->slots + k);
-    for (int64_t i = 0; s->slot_count && i < s->steps; i++) {
-        step.slope += (s->rho - s->mu / s->eps[i]) * s->deps[i];
-        step.fall += s->rho * s->deps[i];
-        primal = larger(primal, -s->deps[i] / s->eps[i]);
-        dual = larger(dual, -s->dnu[i] / s->nu[i]);
-    }
+    for (int64_t i = 0; i < s->steps; i++) slack += s->rho * s->deps[i];
+    step.slope += slack, step.fall += slack;
     if (s->minimum > -INFINITY) {
         double gap = s->level - s->minimum;
         s->dzs = (s->mu - s->zs * s->dlevel) / gap - s->zs;
@@ -655,10 +608,6 @@ static void accept(core *s, double primal, double dual) {
     const int64_t w = s->w, wide = s->wide;
     LOOP (c, 0, w * wide) s->v[c] += primal * s->dv[c];
     LOOP (c, 0, s->n * wide) s->v[w * wide + c] += primal * s->dpi[c];
-    for (int64_t i = 0; s->slot_count && i < s->steps; i++) {
-        s->eps[i] += primal * s->deps[i];
-        s->nu[i] = clip_multiplier(s->nu[i] + dual * s->dnu[i], s->eps[i], s->mu);
-    }
     s->level += primal * s->dlevel;
     if (s->minimum > -INFINITY)
         s->zs = clip_multiplier(s->zs + dual * s->dzs, s->level - s->minimum, s->mu);
@@ -769,26 +718,17 @@ static int hopeless(const core *s, double ahead, double entered) {
 
 /* Copy the last point into the results, and its multipliers for the cost before scaling. */
 static void write_results(core *s, double cost) {
-    const places at = places_of(s);
-    const int64_t n = s->n, w = s->w, wide = s->wide;
+    const int64_t n = s->n, wide = s->wide, count = s->multiplier_rows;
     wb_result *result = s->result;
     double *into = result->multipliers;
+    LOOP (i, 0, s->steps) s->zs_row[i] = s->zs;
     memcpy(result->states, s->start->initial, (size_t)n * sizeof *result->states);
     for (int64_t i = 0; i < s->steps; i++) {
         for (int64_t r = 0; r < n; r++) result->states[(i + 1) * n + r] = s->v[r * wide + i + 1];
         for (int64_t r = 0; r < s->m; r++) result->inputs[i * s->m + r] = s->v[(n + r) * wide + i];
-        result->slack[i] = s->slot_count ? s->eps[i] : 0.0;
-    }
-    for (int64_t i = 0; into && i < s->steps; i++, into += at.width) {
-        for (int64_t r = 0; r < w; r++) {
-            into[r] = s->zl[r * wide + i] / s->scale;
-            into[at.upper + r] = s->zu[r * wide + i] / s->scale;
-        }
-        for (int64_t r = 0; r < n; r++) into[at.dynamics + r] = s->v[(w + r) * wide + i] / s->scale;
-        for (int64_t j = 0; j < s->robot_count; j++)
-            into[at.inputs + j] = s->rows[j].y[i] / s->scale;
-        into[at.slack] = s->slot_count ? s->nu[i] / s->scale : 0.0;
-        into[at.level] = s->zs / s->scale;
+        result->slack[i] = s->eps[i];
+        for (int64_t r = 0; into && r < count; r++)
+            into[i * count + r] = s->multipliers[r][i] / s->scale;
     }
     for (int64_t k = 0; k < s->problem->kinds; k++) write_slots(s, s->slots + k);
     result->cost = cost / s->scale;
@@ -797,7 +737,7 @@ static void write_results(core *s, double cost) {
 
 /* ---- Memory */
 
-/* Memory that is handed out piece by piece, zeroed; without a base it is only measured. */
+/* Memory that is handed out piece by piece; without a base it is only measured. */
 typedef struct {
     double *base;
     int64_t used;
@@ -805,10 +745,17 @@ typedef struct {
 
 enum { ALIGNED = 8 }; /* doubles; a processor loads up to so many at once */
 
-static void *take(block *b, int64_t count) {
+/* Memory that is written before it is read. */
+static void *take_unset(block *b, int64_t count) {
     void *place = b->base ? (void *)(b->base + b->used) : NULL;
-    if (place) memset(place, 0, (size_t)count * sizeof *b->base);
     b->used += (count + ALIGNED - 1) / ALIGNED * ALIGNED;
+    return place;
+}
+
+/* Zeroed memory. */
+static void *take(block *b, int64_t count) {
+    void *place = take_unset(b, count);
+    if (place) memset(place, 0, (size_t)count * sizeof *b->base);
     return place;
 }
 
@@ -838,17 +785,19 @@ static void lay_out_slots(const core *s, slots *o, block *b, const wb_kind *kind
     o->active = take_things(b, count, sizeof *o->active);
     o->order = take_things(b, o->w, sizeof *o->order);
     o->place = take_things(b, o->first + 1, sizeof *o->place);
-    o->v = take(b, (o->w + o->stated) * wide), o->trial = take(b, (o->w + o->stated) * wide);
+    o->v = take(b, (o->w + o->stated + 2 * own) * wide);
+    o->trial = take(b, (o->w + o->stated) * wide);
     o->p = take(b, (kind->parameters + kind->levelled + 1 + own) * wide);
-    o->out = take(b, (o->stated * (1 + o->w) + o->w * o->w) * wide);
+    o->out = take_unset(b, (o->stated * (1 + o->w) + o->w * o->w) * wide);
     o->tried = take(b, o->stated * wide);
     o->t = take(b, o->unequal * wide), o->dt = take(b, o->unequal * wide);
-    o->zl = take(b, own * wide), o->zu = take(b, own * wide);
     o->drawn = take(b, own * wide), o->pull = take(b, own * wide);
+    o->curve = take(b, own * wide), o->side = take(b, own * wide);
     o->da = take(b, (own + equal) * wide);
-    o->back = take(b, (own + equal) * (o->first + 2) * wide);
+    o->back = take_unset(b, (own + equal) * (o->first + 2) * wide);
     if (b->base) {
         o->a = o->v + o->first * wide, o->y = o->v + o->w * wide;
+        o->zl = o->y + o->stated * wide, o->zu = o->zl + own * wide;
         o->slope = o->out + o->stated * wide, o->hessian = o->slope + o->stated * o->w * wide;
     }
 }
@@ -870,12 +819,13 @@ static void lay_out_path(core *s, block *b) {
     s->level_out = take(b, 3 * LANES), s->level_tried = take(b, 3 * LANES);
     s->eps = take(b, wide), s->nu = take(b, wide);
     s->deps = take(b, wide), s->dnu = take(b, wide);
-    s->trial_eps = take(b, wide), s->none = take(b, wide);
+    s->trial_eps = take(b, wide), s->none = take(b, wide), s->zs_row = take(b, wide);
+    s->multipliers = take_things(b, 2 * w + n + s->robot_count + 2, sizeof *s->multipliers);
     s->pull = take(b, (w + 1) * wide), s->tally = take(b, TALLIES * wide);
     s->filter = take(b, 2 * WB_FILTER_SIZE);
-    s->stages = take(b, (s->steps + 1) * (n + w) * wide_row(w));
+    s->stages = take_unset(b, (s->steps + 1) * (n + w) * wide_row(w));
     s->product = take(b, n * wide_row(w)), s->move = take(b, w), s->next = take(b, n);
-    s->work = take(b, s->problem->work);
+    s->work = take_unset(b, s->problem->work);
 }
 
 /* Room for the condensed quadratic, for as many entries of x as slots depend on. */
@@ -926,10 +876,10 @@ static void lay_out(core *s, block *b) {
         rows += count * kind->inequalities;
         s->slot_count += count;
     }
-    s->matrix = take(b, most * (most + 1) * LANES);
+    s->matrix = take_unset(b, most * (most + 1) * LANES);
     s->bounds = take_things(b, bounds, sizeof *s->bounds);
-    s->rows = take_things(b, rows + bounds, sizeof *s->rows);
-    s->spare = take(b, (2 * s->robot_count + rows + 4 * bounds) * s->wide);
+    s->rows = take_things(b, rows + bounds + 1, sizeof *s->rows);
+    s->spare = take(b, (2 * s->robot_count + rows + 4 * bounds + 2) * s->wide);
     s->seen_count = b->base ? 0 : s->n; /* at most */
     for (int64_t k = 0; b->base && k < problem->kinds; k++) order_slots(s, s->slots + k);
     for (int64_t k = 0; b->base && k < problem->kinds; k++) {
@@ -945,12 +895,13 @@ static double *spare_row(core *s) {
     return s->spare - s->wide;
 }
 
-/* List an inequality from step `first` on, with a row for its slack and its step. */
+/* List an inequality from step `first` on, with a row for the step of its multiplier. */
 static inequality *add_row(core *s, int64_t first, const double *value, const double *tried,
-                           double *y) {
+                           double *t, double *dt, double *y) {
     inequality *q = s->rows + s->row_count++;
-    const inequality made = {first, value, tried, s->none, s->none, NULL, NULL, y, spare_row(s)};
-    *q = made;
+    const inequality given = {first, value, tried,        s->none, s->none, t,
+                              dt,    y,     spare_row(s), NULL,    0,       0};
+    *q = given;
     return q;
 }
 
@@ -958,18 +909,18 @@ static inequality *add_row(core *s, int64_t first, const double *value, const do
 static void list_limits(core *s) {
     const int64_t n = s->n, w = s->w, wide = s->wide, inputs = s->problem->input_rows;
     const int64_t nodes = s->robot_count - inputs;
-    double *c = s->drive + (s->at_hessian + w * w) * wide, *g = s->node + (1 + n + n * n) * wide;
-    for (int64_t j = 0; j < s->robot_count; j++) {
-        const int64_t k = j - inputs, first = k >= s->problem->node_rows ? s->steps - 1 : 0;
-        inequality *q =
-            k < 0 ? add_row(s, first, c + j * wide, c + j * wide, s->v + (w + n + j) * wide)
-                  : add_row(s, first, g + k * wide, s->trial_node + (1 + k) * wide,
-                            s->vn + (n + k) * wide);
-        q->t = spare_row(s), q->dt = spare_row(s);
+    double *c = s->drive + (s->at_hessian + w * w) * wide, *y = s->v + (w + n) * wide;
+    double *g = s->node + (1 + n + n * n) * wide;
+    for (int64_t j = 0; j < inputs; j++, c += wide, y += wide) {
+        inequality *q = add_row(s, 0, c, c, spare_row(s), spare_row(s), y);
+        q->slope = c + (inputs + j * (w - 1)) * wide, q->width = w;
     }
-    const limits on_inputs = {inputs, w, 0, s->rows, c + inputs * wide};
-    const limits on_nodes = {nodes, n, 1, s->rows + inputs, g + nodes * wide};
-    s->limits[0] = on_inputs, s->limits[1] = on_nodes;
+    for (int64_t j = 0; j < nodes; j++, g += wide) {
+        const int64_t first = j < s->problem->node_rows ? 0 : s->steps - 1;
+        inequality *q = add_row(s, first, g, s->trial_node + (1 + j) * wide, spare_row(s),
+                                spare_row(s), s->vn + (n + j) * wide);
+        q->slope = g + (nodes + j * (n - 1)) * wide, q->width = n, q->after = 1;
+    }
 }
 
 /* List the inequalities of the slots of a kind. */
@@ -977,8 +928,8 @@ static void list_slots(core *s, const slots *o) {
     for (int64_t j = 0; j < o->unequal; j++)
         for (int64_t k = 0; k < o->count; k++) {
             const int64_t at = j * o->columns + k * s->wide;
-            inequality *q = add_row(s, 0, o->out + at, o->tried + at, o->y + at);
-            q->t = o->t + at, q->dt = o->dt + at;
+            inequality *q =
+                add_row(s, 0, o->out + at, o->tried + at, o->t + at, o->dt + at, o->y + at);
             q->eps = s->eps, q->trial_eps = s->trial_eps;
         }
 }
@@ -987,10 +938,9 @@ static void list_slots(core *s, const slots *o) {
 static void list_bound(core *s, bound b, double at, double sign, double *z) {
     if (!isfinite(at)) return;
     b.tried = spare_row(s);
-    inequality *q = add_row(s, 0, NULL, b.tried, z);
-    q->t = spare_row(s), q->dt = spare_row(s);
-    q->value = q->t;
-    b.row = q, b.at = at, b.sign = sign;
+    double *t = spare_row(s);
+    b.row = add_row(s, 0, t, b.tried, t, spare_row(s), z);
+    b.at = at, b.sign = sign;
     s->bounds[s->bound_count++] = b;
 }
 
@@ -1014,12 +964,31 @@ static void list_bounds(core *s) {
     s->path_bounds = s->bound_count;
     for (const slots *o = s->slots; o < s->slots + s->problem->kinds; o++)
         for (int64_t at = 0; at < o->own * o->columns; at += s->wide) {
-            const bound b = {
-                NULL, 0.0,          0.0,  o->da + at, o->trial + o->first * o->columns + at,
-                NULL, o->pull + at, NULL, NULL};
+            const bound b = {NULL,
+                             0.0,
+                             0.0,
+                             o->da + at,
+                             o->trial + o->first * o->columns + at,
+                             NULL,
+                             o->pull + at,
+                             o->curve + at,
+                             o->side + at};
             list_bound(s, b, o->kind->lower[at / o->columns], 1.0, o->zl + at);
             list_bound(s, b, o->kind->upper[at / o->columns], -1.0, o->zu + at);
         }
+}
+
+/* List the rows of multipliers in the order of `wb_start`. */
+static void list_multipliers(core *s) {
+    for (int64_t r = 0; r < s->w; r++) {
+        s->multipliers[r] = s->zl + r * s->wide;
+        s->multipliers[s->w + r] = s->zu + r * s->wide;
+    }
+    double **row = s->multipliers + 2 * s->w;
+    for (int64_t r = 0; r < s->n; r++) *row++ = s->v + (s->w + r) * s->wide;
+    for (int64_t j = 0; j < s->robot_count; j++) *row++ = s->rows[j].y;
+    row[0] = s->nu, row[1] = s->zs_row;
+    s->multiplier_rows = row + 2 - s->multipliers;
 }
 
 /* Multipliers of the slots of all steps, of own variables both bounds, finite or not. */
@@ -1046,6 +1015,9 @@ static void prepare(core *s, double *memory) {
     }
     s->bounds_from = s->row_count;
     list_bounds(s);
+    s->given_count = s->row_count;
+    if (s->slot_count) add_row(s, 0, s->eps, s->trial_eps, s->eps, s->deps, s->nu)->dy = s->dnu;
+    list_multipliers(s);
     const int64_t always = s->robot_count - s->problem->final_rows + s->path_bounds + s->n;
     s->multiplier_count =
         count_of_slots(s) + s->problem->final_rows + (always + (s->slot_count > 0)) * s->steps;
@@ -1075,7 +1047,7 @@ typedef struct {
 /* Sum of the slack of all steps. */
 static double total_slack(const core *s) {
     double total = 0.0;
-    for (int64_t i = 0; s->slot_count && i < s->steps; i++) total += s->eps[i];
+    for (int64_t i = 0; i < s->steps; i++) total += s->eps[i];
     return total;
 }
 
@@ -1089,12 +1061,12 @@ static void begin(core *s, progress *now) {
     begin_filter(s);
     if (s->settings->warm > 0.0) {
         s->mu = WB_LAST_BARRIER * s->settings->tolerance;
-        take_costates(s);
+        copy_multipliers(s);
     }
     try_point(s, s->level);
-    start_slack(s);
+    if (s->slot_count) start_slack(s);
+    start_multipliers(s);
     if (s->settings->warm > 0.0) take_multipliers(s);
-    memcpy(s->trial_eps, s->eps, (size_t)s->steps * sizeof *s->eps);
     now->present = merit_of(s, s->level);
     now->left = INFINITY;
 }
@@ -1151,8 +1123,7 @@ static int64_t judge(core *s, progress *now, const volatile int64_t *stop) {
     if (!isfinite(now->error.all)) undo_step(s);
     if (!isfinite(now->error.all) || s->failed_searches > WB_FAILURES) return WB_FAILED;
     now->deepest = 0.0;
-    for (int64_t i = 0; s->slot_count && i < s->steps; i++)
-        now->deepest = larger(now->deepest, s->eps[i]);
+    for (int64_t i = 0; i < s->steps; i++) now->deepest = larger(now->deepest, s->eps[i]);
     if (now->error.all <= s->settings->tolerance ||
         (now->settled >= WB_SETTLED_STEPS && now->deepest > WB_MUCH_SLACK)) {
         int64_t status = judge_converged(s, now);

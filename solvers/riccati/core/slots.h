@@ -38,16 +38,11 @@ static void take_of_slots(const core *s, slots *o) {
         for (int64_t i = 0; i < s->steps; i++) {
             const int64_t c = k * s->wide + i, at = i * o->kind->slots + o->active[k];
             const double *given = o->given->before + at * (o->stated + 2 * o->own);
-            for (int64_t j = 0; j < o->stated; j++) {
-                double y = s->scale * given[j];
-                o->y[j * o->columns + c] = j >= o->unequal && y != y ? 0.0 : y;
-                if (j < o->unequal)
-                    o->t[j * o->columns + c] =
-                        larger(o->tried[j * o->columns + c], s->settings->push);
-            }
-            for (int64_t r = 0; r < o->own; r++) {
-                o->zl[r * o->columns + c] = s->scale * given[o->stated + r];
-                o->zu[r * o->columns + c] = s->scale * given[o->stated + o->own + r];
+            for (int64_t j = 0; j < o->stated + 2 * o->own; j++) {
+                const int64_t row = j * o->columns + c;
+                o->y[row] = s->scale * given[j];
+                if (j < o->unequal) o->t[row] = larger(o->tried[row], s->settings->push);
+                else if (j < o->stated && o->y[row] != o->y[row]) o->y[row] = 0.0;
             }
         }
 }
@@ -62,13 +57,8 @@ static void write_slots(const core *s, const slots *o) {
         for (int64_t i = 0; i < s->steps; i++) {
             const int64_t c = k * s->wide + i, at = i * all + o->active[k];
             for (int64_t r = 0; r < o->own; r++) found[at * o->own + r] = o->a[r * o->columns + c];
-            if (!after) continue;
-            double *into = after + at * width;
-            for (int64_t j = 0; j < o->stated; j++) into[j] = o->y[j * o->columns + c] / s->scale;
-            for (int64_t r = 0; r < o->own; r++) {
-                into[o->stated + r] = o->zl[r * o->columns + c] / s->scale;
-                into[o->stated + o->own + r] = o->zu[r * o->columns + c] / s->scale;
-            }
+            for (int64_t j = 0; after && j < width; j++)
+                after[at * width + j] = o->y[j * o->columns + c] / s->scale;
         }
 }
 
@@ -174,10 +164,11 @@ static double stationarity_of_slots(core *s, slots *o) {
 #define ENTRY(row, column)                                                                         \
     (matrix + ((row) >= (column) ? (row) * size + (column) : (column) * size + (row)) * LANES)
 
-/* Write the Hessian in (x, s, a) with regularisation and bounds, for LANES columns from `at` on. */
-static void curvature_of_slots(const core *s, const slots *o, int64_t at, int64_t size,
-                               double *restrict matrix, double *restrict force) {
-    const int64_t own = o->own, row = o->columns;
+/* Write the Hessian in (x, s, a) with what bounds and regularisation add, for LANES columns from
+ * `at` on. */
+static void curvature_of_slots(const slots *o, int64_t at, int64_t size, double *restrict matrix,
+                               double *restrict force) {
+    const int64_t row = o->columns;
     LOOP (c, 0, size * size * LANES) matrix[c] = 0.0;
     LOOP (c, 0, size * LANES) force[c] = 0.0;
     for (int64_t r = 0; r < o->w; r++)
@@ -188,26 +179,13 @@ static void curvature_of_slots(const core *s, const slots *o, int64_t at, int64_
             double *entry = ENTRY(a, b);
             LOOP (l, 0, LANES) entry[l] = given[l];
         }
-    for (int64_t r = 0; r < own; r++) {
-        const int64_t k = r * row + at;
-        const double lower = o->kind->lower[r], upper = o->kind->upper[r], pull = 2.0 * o->weight;
-        double *entry = ENTRY(r, r), *side = force + r * LANES;
+    for (int64_t r = 0; r < o->own; r++) {
+        const double *curve = o->curve + r * row + at, *side = o->side + r * row + at;
+        double *entry = ENTRY(r, r);
         LOOP (l, 0, LANES) {
-            entry[l] += pull + s->delta;
-            side[l] += pull * (o->a[k + l] - o->drawn[k + l]);
+            entry[l] += curve[l];
+            force[r * LANES + l] = side[l];
         }
-        if (lower > -INFINITY)
-            LOOP (l, 0, LANES) {
-                double inverse = 1.0 / (o->a[k + l] - lower);
-                entry[l] += o->zl[k + l] * inverse;
-                side[l] -= s->mu * inverse;
-            }
-        if (upper < INFINITY)
-            LOOP (l, 0, LANES) {
-                double inverse = 1.0 / (upper - o->a[k + l]);
-                entry[l] += o->zu[k + l] * inverse;
-                side[l] += s->mu * inverse;
-            }
     }
 }
 
@@ -327,7 +305,7 @@ static int condense_slots(const core *s, const slots *o) {
     for (int64_t at = 0; at < o->columns; at += LANES) {
         int64_t count = s->steps - at % s->wide;
         count = count < 0 ? 0 : count > LANES ? LANES : count;
-        curvature_of_slots(s, o, at, size, matrix, force);
+        curvature_of_slots(o, at, size, matrix, force);
         for (int64_t j = 0; j < o->unequal; j++) add_inequality(s, o, j, at, size, matrix, force);
         for (int64_t j = o->unequal; j < o->stated; j++)
             add_equality(o, j, at, size, matrix, force);

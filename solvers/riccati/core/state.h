@@ -5,21 +5,12 @@
 
 #if defined(_MSC_VER) && !defined(__clang__)
 #define INLINE __forceinline
-#define IVDEP __pragma(loop(ivdep))
-#define restrict __restrict
-#elif defined(__clang__)
-#define INLINE inline __attribute__((always_inline))
-#define IVDEP _Pragma("clang loop vectorize(assume_safety)")
-#elif defined(__GNUC__)
-#define INLINE inline __attribute__((always_inline))
-#define IVDEP _Pragma("GCC ivdep")
 #else
-#define INLINE inline
-#define IVDEP
+#define INLINE inline __attribute__((always_inline))
 #endif
 
 /* A loop whose turns do not depend on each other. */
-#define LOOP(i, first, end) IVDEP for (int64_t i = (first); i < (end); i++)
+#define LOOP(i, first, end) WB_INDEPENDENT for (int64_t i = (first); i < (end); i++)
 
 /* Columns of slots that are eliminated at once. */
 enum { LANES = 8 };
@@ -37,6 +28,8 @@ typedef struct {
     int64_t first;
     const double *value, *tried, *eps, *trial_eps; /* tried: value at the trial point */
     double *t, *dt, *y, *dy;
+    const double *slope;  /* of the robot's alone, `width` rows */
+    int64_t width, after; /* after: 1 where it is about x_{i+1} */
 } inequality;
 
 /* A bound of one variable at all steps: sign (x - at) > 0. */
@@ -45,15 +38,8 @@ typedef struct {
     double at, sign;
     const double *dx, *trial;
     double *tried, *pull;     /* pull: gradient of the Lagrangian */
-    double *curve, *gradient; /* of the condensed quadratic; of states and inputs alone */
+    double *curve, *gradient; /* of the condensed quadratic */
 } bound;
-
-/* Inequalities of the robot, on (x_i, u_i) or on x_{i+1}. */
-typedef struct {
-    int64_t count, width, after; /* entries of the slopes; after: 1 where about x_{i+1} */
-    const inequality *rows;
-    const double *slope;
-} limits;
 
 /* Slots in use of one kind. Column c = k wide + i belongs to the k-th of them and stage i + 1. */
 typedef struct {
@@ -66,7 +52,8 @@ typedef struct {
     double *v, *p, *out;                                    /* for the function `derivatives` */
     double *trial, *tried;                                  /* for the function `values` */
     double *a, *y, *slope, *hessian; /* parts of them: own variables, multipliers; results */
-    double *t, *dt, *zl, *zu, *drawn, *pull, *da; /* da: behind them new multipliers of -e */
+    double *t, *dt, *zl, *zu, *drawn, *pull, *curve, *side,
+        *da;      /* da: behind them new multipliers of -e */
     double *back; /* rows that give da from the steps of (x, s, eps, 1) */
 } slots;
 
@@ -84,7 +71,7 @@ typedef struct {
     double *columns, *drive, *node, *gap, *trial_node;
     double *level_v, *level_p, *level_out, *level_tried;
     /* slack of the regions */
-    double *eps, *nu, *deps, *dnu, *trial_eps, *none;
+    double *eps, *nu, *deps, *dnu, *trial_eps, *none, *zs_row;
     /* condensed quadratic without `drive`; region: lower triangle in (x's entries seen, s, eps) */
     double *hessian, *gradient, *cross, *region, *force;
     double *stages, *product, *move, *next, *matrix;
@@ -92,11 +79,12 @@ typedef struct {
     double top[2];             /* curvature and slope of the level */
     int64_t *seen, seen_count; /* entries of x that slots depend on */
     int64_t quadratic_size;
-    inequality *rows; /* first those of the robot, then of slots, then of bounds */
+    inequality *rows; /* first those of the robot, of slots, of bounds, at last eps > 0 */
     bound *bounds;    /* first those of states and inputs */
-    int64_t row_count, robot_count, bounds_from, bound_count, path_bounds;
+    int64_t row_count, robot_count, bounds_from, given_count, bound_count, path_bounds;
+    double **multipliers; /* rows in the order of `wb_start` */
+    int64_t multiplier_rows;
     double *spare;
-    limits limits[2];
     slots *slots;
     int64_t slot_count, multiplier_count;
     /* single numbers */

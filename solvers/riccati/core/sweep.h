@@ -106,7 +106,7 @@ static INLINE void solve_inputs(int64_t n, int64_t w, double *restrict curve) {
 }
 
 /* Recursion from the last stage to the first; 0 where the curvature is wrong. */
-static INLINE int backward(core *s, const int64_t n, const int64_t m) {
+static INLINE int backward_of(core *s, const int64_t n, const int64_t m) {
     const int64_t w = n + m, row = wide_row(w), record = (n + w) * row, last = s->steps;
     double *value = s->stages + last * record + n * row;
     for (int64_t r = 0; r < n; r++) {
@@ -134,8 +134,8 @@ static INLINE int backward(core *s, const int64_t n, const int64_t m) {
     return 1;
 }
 
-/* Write the steps of states and inputs, and of the multipliers of the dynamics. */
-static INLINE void forward(core *s, const int64_t n, const int64_t m) {
+/* Write the steps of states and inputs, and of the multipliers of the dynamics; returns 1. */
+static INLINE int forward_of(core *s, const int64_t n, const int64_t m) {
     const int64_t w = n + m, row = wide_row(w), record = (n + w) * row, wide = s->wide;
     double *move = s->move;
     for (int64_t r = 0; r < n; r++) move[r] = 0.0;
@@ -160,37 +160,20 @@ static INLINE void forward(core *s, const int64_t n, const int64_t m) {
         }
         for (int64_t r = 0; r < n; r++) move[r] = next[r];
     }
+    return 1;
 }
 
-#define SIZES(n, m)                                                                                \
-    static int backward_##n##_##m(core *s) { return backward(s, n, m); }                           \
-    static void forward_##n##_##m(core *s) { forward(s, n, m); }
-SIZES(2, 2)
-SIZES(3, 2)
-SIZES(4, 2)
-SIZES(5, 2)
-SIZES(6, 3)
-#undef SIZES
+/* Call a function with the sizes of the shipped robots as constants, or with any. */
+#define WITH_SIZES(function)                                                                       \
+    switch (256 * s->n + s->m) {                                                                   \
+    case 0x202: return function(s, 2, 2);                                                          \
+    case 0x302: return function(s, 3, 2);                                                          \
+    case 0x402: return function(s, 4, 2);                                                          \
+    case 0x502: return function(s, 5, 2);                                                          \
+    case 0x603: return function(s, 6, 3);                                                          \
+    default: return function(s, s->n, s->m);                                                       \
+    }
 
-static int backward_of_any(core *s) { return backward(s, s->n, s->m); }
+static int backward(core *s) { WITH_SIZES(backward_of) }
 
-static void forward_of_any(core *s) { forward(s, s->n, s->m); }
-
-typedef struct {
-    int64_t n, m;
-    int (*backward)(core *s);
-    void (*forward)(core *s);
-} sweep;
-
-static const sweep sweeps[] = {
-    {2, 2, backward_2_2, forward_2_2}, {3, 2, backward_3_2, forward_3_2},
-    {4, 2, backward_4_2, forward_4_2}, {5, 2, backward_5_2, forward_5_2},
-    {6, 3, backward_6_3, forward_6_3}, {0, 0, backward_of_any, forward_of_any},
-};
-
-/* The recursion for a robot's sizes: the generic one is the last. */
-static const sweep *sweep_for(int64_t n, int64_t m) {
-    const sweep *candidate = sweeps;
-    while (candidate->n && (candidate->n != n || candidate->m != m)) candidate++;
-    return candidate;
-}
+static int forward(core *s) { WITH_SIZES(forward_of) }
