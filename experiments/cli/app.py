@@ -648,7 +648,7 @@ def export(
     ] = None,
     corners: Annotated[int, Option(help="Vertices that a polygon may have.")] = 4,
     solver: Annotated[
-        bool, Option("--solver", help="The solver as object code, not the problem in C.")
+        bool, Option("--solver", help="The solver in C, not the problem alone.")
     ] = False,
     planner: Annotated[
         bool,
@@ -657,13 +657,6 @@ def export(
             help="The whole planner without Python, with its solver; its predictor is kalman.",
         ),
     ] = False,
-    target: Annotated[
-        str | None,
-        Option(
-            help="Of --solver and --planner: native (this processor, the default), "
-            "linux-x86_64-v3 or linux-aarch64."
-        ),
-    ] = None,
     name: Annotated[
         str | None,
         Option(help="Of --planner: the ROS 2 package around it; wideberth_nav2 by default."),
@@ -673,16 +666,11 @@ def export(
 ) -> None:
     """Write a planner as C: its problem, its solver, or all of it; each with an example."""
     from ...solvers.export.planner.tables import NAV2
-    from ...solvers.export.solver.native import NATIVE
     from ..engine.progress import working
     from .export import export as write
 
     if solver and planner:
         raise WideberthError("--planner brings its solver: give --solver or --planner")
-    if target is not None and not (solver or planner):
-        raise WideberthError(
-            "--target says what object code is made for; give --solver or --planner with it"
-        )
     if name is not None and not planner:
         raise WideberthError("--name is that of a ROS 2 package; give --planner with it")
 
@@ -695,13 +683,12 @@ def export(
             obstacles=obstacles,
             polygons=polygons,
             corners=corners,
-            target=(target or NATIVE) if solver or planner else None,
+            solver=solver,
             whole=planner,
             package=NAV2 if name is None else name,
             force=force,
         )
-    object_code = solver or planner
-    what = "compiles the example" if object_code else "compiles and checks the example"
+    what = "compiles the example" if solver or planner else "compiles and checks the example"
     typer.echo(f"written: {out} ({source}); `make -C {out}` {what}")
 
 

@@ -149,6 +149,8 @@ class Workspace:
     ended : how the last solve ended.
     own : of the slots' own variables, of each kind.
     after : multipliers of the slots, of each kind; NaN in empty ones.
+    problem, kinds : as the core takes them.
+    memory : in which a solve works.
     """
 
     def __init__(
@@ -176,20 +178,20 @@ class Workspace:
             for kind, one in zip(kinds, slots, strict=True)
         )
         self._fill_tables(problem, kinds, parameters)
-        self._memory = np.empty(_core.size(ctypes.addressof(self._problem)))
-        self._task.memory = address(self._memory)
+        self.memory = np.empty(_core.size(ctypes.addressof(self.problem)))
+        self._task.memory = address(self.memory)
         self._solve = _core.solve
 
     def _fill_tables(
         self, problem: ProblemTable, kinds: Sequence[KindTable], parameters: Parameters
     ) -> None:
         count = len(kinds)
-        self._kinds = (KindTable * count)(*kinds)
-        for kind, one in zip(self._kinds, parameters.slots, strict=True):
+        self.kinds = (KindTable * count)(*kinds)
+        for kind, one in zip(self.kinds, parameters.slots, strict=True):
             _, kind.slots, kind.parameters = one.parameters.shape
-        self._problem = ProblemTable.from_buffer_copy(problem)
-        self._problem.steps, self._problem.kinds = len(parameters.speed), count
-        self._problem.kind = ctypes.addressof(self._kinds)
+        self.problem = ProblemTable.from_buffer_copy(problem)
+        self.problem.steps, self.problem.kinds = len(parameters.speed), count
+        self.problem.kind = ctypes.addressof(self.kinds)
         self._tables = (SlotsTable * count)(*(one.table for one in self._slots))
         start = (
             self._head, self._initial, self._states, self._inputs, self._multipliers, self._plans,
@@ -198,7 +200,7 @@ class Workspace:
         results = self.states, self.inputs, self.slack, self.multipliers
         self.ended = ResultTable(*map(address, results))
         self._settings = Settings()
-        tables = self._problem, self._settings, self._start, self.ended
+        tables = self.problem, self._settings, self._start, self.ended
         self._task = TaskTable(*map(ctypes.addressof, tables))
         self._row = np.array([ctypes.addressof(self._task)], dtype=np.int64)
         self._place = address(self._row)
