@@ -45,7 +45,7 @@ from .interior_point import (
     WARM_DISTANCE,
 )
 from .problem import CoreProblem, core_problem
-from .workspace import ResultTable, Settings, Workspace, run_all
+from .workspace import ResultTable, SettingsTable, Workspace, run_all
 
 _STATUS = (
     Status.SOLVED,
@@ -316,7 +316,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
     def _prepared(self, problem: Problem) -> CoreProblem:
         return core_problem(problem, self.compile)
 
-    def settings_for(self, problem: Problem, guess: Guess, *, warm: bool = False) -> Settings:
+    def settings_for(self, problem: Problem, guess: Guess, *, warm: bool = False) -> SettingsTable:
         """Collect the settings of the core.
 
         ``warm`` says whether multipliers are given.
@@ -360,7 +360,7 @@ class _OtherPlans:
         patient = max(PATIENT_ITERATIONS, PATIENT_PER_STEP * steps)
         return max(patient, PATIENT_SHARE * self._fewest)
 
-    def write(self, settings: Settings) -> None:
+    def write(self, settings: SettingsTable) -> None:
         """Write the plans that are known into the settings of the next solve."""
         settings.plans, settings.best = self._count, self._best
         settings.within = self._within
@@ -380,13 +380,13 @@ def by_fatrop(
 
 
 @lru_cache(maxsize=8)
-def _settings_of(solver: Riccati, problem: Problem) -> Settings:
+def _settings_of(solver: Riccati, problem: Problem) -> SettingsTable:
     """Return the settings of the core for a problem, whatever the guess."""
     price = highest = problem.penalty
     long = problem.horizon >= LONG
     if price is None or highest is None:
         price, highest = LONG_PENALTY if long else START_PENALTY, MOST_PENALTY
-    return Settings(
+    return SettingsTable(
         iterations=solver.iterations,
         tolerance=solver.tolerance,
         barrier=LONG_BARRIER if long else START_BARRIER,

@@ -58,8 +58,8 @@ class ProblemTable(ctypes.Structure):
     ]
 
 
-class Settings(ctypes.Structure):
-    """Settings of a solve."""
+class SettingsTable(ctypes.Structure):
+    """SettingsTable of a solve."""
 
     _fields_ = _fields(
         _NUMBER,
@@ -67,9 +67,9 @@ class Settings(ctypes.Structure):
         "plans best within",
     )
 
-    def copy(self) -> "Settings":
+    def copy(self) -> "SettingsTable":
         """Return a copy."""
-        return Settings.from_buffer_copy(self)
+        return SettingsTable.from_buffer_copy(self)
 
 
 class SlotsTable(ctypes.Structure):
@@ -199,7 +199,7 @@ class Workspace:
         self._start = StartTable(*map(address, start), ctypes.addressof(self._tables))
         results = self.states, self.inputs, self.slack, self.multipliers
         self.ended = ResultTable(*map(address, results))
-        self._settings = Settings()
+        self._settings = SettingsTable()
         tables = self.problem, self._settings, self._start, self.ended
         self._task = TaskTable(*map(ctypes.addressof, tables))
         self._row = np.array([ctypes.addressof(self._task)], dtype=np.int64)
@@ -215,7 +215,7 @@ class Workspace:
             if one.level is not None:
                 slots.level[...] = one.level
 
-    def begin(self, settings: Settings, guess: Guess) -> None:
+    def begin(self, settings: SettingsTable, guess: Guess) -> None:
         """Copy a guess; the results of empty slots are those of the guess."""
         self._settings = settings
         self._task.settings = ctypes.addressof(settings)

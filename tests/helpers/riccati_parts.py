@@ -17,7 +17,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.solvers.riccati.workspace import (
     KindTable,
     ProblemTable,
-    Settings,
+    SettingsTable,
     SlotsTable,
     StartTable,
     address,
@@ -66,7 +66,7 @@ class Parts:
         problem: ProblemTable,
         kind: KindTable | None = None,
         active: Sequence[float] = (),
-        settings: Settings | None = None,
+        settings: SettingsTable | None = None,
         plans: Array | None = None,
     ) -> None:
         self.library, self.problem = library, problem
@@ -80,7 +80,7 @@ class Parts:
         slots = (SlotsTable * 1)(SlotsTable(active=address(used)))
         start = StartTable(slots=ctypes.addressof(slots))
         start.plans = None if plans is None else address(plans)
-        settings = settings or Settings()
+        settings = settings or SettingsTable()
         settings.minimum = -np.inf
         library.wb_size.restype = ctypes.c_int64
         memory = np.full(library.wb_size(ctypes.byref(problem)), np.nan)

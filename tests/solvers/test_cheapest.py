@@ -29,7 +29,7 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.riccati import solver
 from wideberth.solvers.riccati.solver import Riccati
-from wideberth.solvers.riccati.workspace import KindTable, ProblemTable, Settings, address
+from wideberth.solvers.riccati.workspace import KindTable, ProblemTable, SettingsTable, address
 from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.helpers.riccati_parts import Parts, compile_parts
 
@@ -173,7 +173,7 @@ def test_the_same_plan_is_near_now_and_nearer_after_the_whole_step(
     """Distances as shares of the one within which plans are the same; it ends at 1 and 0.6."""
     within, steps, moved = 0.3, 4, 3
     seen = np.array([0, 2])
-    settings = Settings(plans=2.0, within=within, best=np.inf)
+    settings = SettingsTable(plans=2.0, within=within, best=np.inf)
     plans = np.random.default_rng(0).normal(size=(2, 1 + steps, 3))
     kind = KindTable(slots=1, entries=2, depends=address(seen))
     problem = ProblemTable(n=3, m=0, steps=steps)

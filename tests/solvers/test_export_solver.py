@@ -27,12 +27,12 @@ from wideberth.experiments.cli.export import export
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.planner.rollout import follow, shift
 from wideberth.framework.mpc.planner.verify import violation
+from wideberth.framework.programs import SOURCES as PROGRAMS_OF_PACKAGE
 from wideberth.framework.values.path import Path as Way
 from wideberth.framework.values.path_progress import PathProgress
 from wideberth.framework.values.plan import Status
 from wideberth.regions import gaussian
 from wideberth.solvers.export.bundle import write_folder
-from wideberth.framework.programs import SOURCES as PROGRAMS_OF_PACKAGE
 from wideberth.solvers.export.solver.files import CORE, SOURCES, bundle, has_example
 
 CPP = shutil.which("c++")
@@ -328,7 +328,9 @@ def test_the_same_config_gives_the_same_bytes(folder: Folder) -> None:
 def test_the_core_is_the_package_s_own(folder: Folder) -> None:
     for name in ("riccati.c", "riccati.h", "state.h", "slots.h", "sweep.h", "levels.h"):
         assert (folder.place / name).read_bytes() == (CORE / name).read_bytes()
-    assert (folder.place / "kernel.h").read_bytes() == (PROGRAMS_OF_PACKAGE / "kernel.h").read_bytes()
+    assert (folder.place / "kernel.h").read_bytes() == (
+        PROGRAMS_OF_PACKAGE / "kernel.h"
+    ).read_bytes()
 
 
 @needs_compiler

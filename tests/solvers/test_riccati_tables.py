@@ -14,7 +14,7 @@ TABLES = {
     "wb_problem": workspace.ProblemTable,
     "wb_kind": workspace.KindTable,
     "wb_slots": workspace.SlotsTable,
-    "wb_settings": workspace.Settings,
+    "wb_settings": workspace.SettingsTable,
     "wb_start": workspace.StartTable,
     "wb_result": workspace.ResultTable,
     "task": workspace.TaskTable,

@@ -20,7 +20,7 @@ from ...riccati.workspace import (
     KindTable,
     ProblemTable,
     ResultTable,
-    Settings,
+    SettingsTable,
     SlotsTable,
     StartTable,
     Workspace,
@@ -120,7 +120,7 @@ class ExportedSolver:
     def memory(self) -> int:
         """Bytes that a solve works in on 64-bit processors; on others fewer are needed."""
         problem = self.subject.problem
-        tables = (Settings, StartTable, ResultTable, *[SlotsTable] * len(problem.slots))
+        tables = (SettingsTable, StartTable, ResultTable, *[SlotsTable] * len(problem.slots))
         numbers = (problem.horizon + 1) * problem.states + problem.horizon * problem.head_width
         numbers += len(self._workspace.memory) + 1  # to align it
         return sum(map(ctypes.sizeof, tables)) + 8 * numbers
@@ -156,7 +156,9 @@ def _around(subject: Subject, margin: float) -> dict[str, Any]:
     for k, (kind, slots) in enumerate(zip(subject.kinds, problem.slots, strict=True)):
         if slots.count and isinstance(kind, GaussianKind):
             functions |= _set(f"set{k}", subject, kind, margin)
-    checks = {name.replace("slot", "check"): one for name, one in problem.constraint_functions.items()}
+    checks = {
+        name.replace("slot", "check"): one for name, one in problem.constraint_functions.items()
+    }
     return {name: one for name, one in {**functions, **checks}.items() if one.numel_out(0)}
 
 
