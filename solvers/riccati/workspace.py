@@ -59,7 +59,7 @@ class ProblemTable(ctypes.Structure):
 
 
 class SettingsTable(ctypes.Structure):
-    """SettingsTable of a solve."""
+    """Settings of a solve."""
 
     _fields_ = _fields(
         _NUMBER,
