@@ -119,8 +119,10 @@ class _Looks(NamedTuple):
         cls, looks: Sequence[tuple[Pending, IntArray, IntArray, IntArray]], dt: float
     ) -> "_Looks":
         """Put them together: forecasts, rows in the tracks, rows in the forecast, and steps."""
-        row, step = (np.concatenate([look[k] for look in looks]) for k in (1, 3))
-        begin = np.repeat([one.stamp for one, *_ in looks], [len(rows) for _, rows, *_ in looks])
+        row = np.concatenate([rows for _, rows, _, _ in looks])
+        step = np.concatenate([at for *_, at in looks])
+        stamps = np.array([one.stamp for one, *_ in looks], dtype=np.float64)
+        begin = np.repeat(stamps, [len(rows) for _, rows, *_ in looks])
         kind = np.concatenate([one.kind[index] for one, _, index, _ in looks])
         parts = [
             (one.mean[index, :, at], one.covariance[index, :, at], one.weight[index])
@@ -137,7 +139,8 @@ class _Looks(NamedTuple):
                 for mean, spread, share in parts
             ]
         mean, covariance, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return cls(row, begin + dt * (step + 1), kind, step, mean, covariance, weight)
+        time = np.asarray(begin + dt * (step + 1), dtype=np.float64)
+        return cls(row, time, kind, step, mean, covariance, weight)
 
 
 @final

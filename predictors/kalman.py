@@ -148,7 +148,9 @@ def filter_one_by_one(tracks: Tracks, motion: Motion, floor: float) -> Beliefs:
         engine.P[:size, :size] = floored(noise[first], floor)
         for k in range(first + 1, len(times)):
             step = motion.step(times[k : k + 1] - times[k - 1])
-            engine.F, engine.Q = (np.kron(part[:, :, 0, 0], np.eye(size)) for part in step[:2])
+            engine.F, engine.Q = (
+                np.kron(part[:, :, 0, 0], np.eye(size)).astype(np.float64) for part in step[:2]
+            )
             engine.predict()
             engine.update(places[k] - places[first], R=floored(noise[k], floor))
         state[..., 0, i] = engine.x.reshape(body)

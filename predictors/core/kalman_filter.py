@@ -445,7 +445,7 @@ class Start:
             modes = modes.replaced(rows, _tracked(modes.at(rows), tracks, rows))
             origin = np.where(tracked, newest.origin.T, origin)
         late = np.minimum(np.floor(lag / tracks.dt + ON_GRID), MOST_STEPS).astype(np.int64)
-        rest = lag - tracks.dt * late
+        rest = np.asarray(lag - tracks.dt * late, dtype=np.float64)
         off = np.flatnonzero(rest > ON_GRID * tracks.dt)
         if off.size:
             modes = modes.replaced(off, moved(modes.at(off), _step(motion, rest[off])))
