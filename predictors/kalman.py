@@ -14,7 +14,7 @@ from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.history import floored
-from .core.kalman_filter import PAUSE, ModeStep, Motion, filtered, forecast_ahead
+from .core.kalman_filter import PAUSE, ModeStep, Motion, filtered, forecast, started
 from .core.pattern_search import fit_numbers
 from .core.propagation import white_steps
 
@@ -91,7 +91,7 @@ class Kalman(Filtering, Fittable):
         self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
     ) -> Forecast:
         """Forecast all obstacles; see `Filtering.ahead`."""
-        return forecast_ahead(beliefs, tracks, self._motion, steps, "kalman")
+        return forecast(started(beliefs, tracks, self._motion), steps, "kalman")
 
     @cached_property
     def _motion(self) -> "DriftingVelocity":

@@ -10,7 +10,7 @@ sums over few components then run along memory.
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -117,13 +117,21 @@ def mixed(modes: ModeStates, switching: Array) -> ModeStates:
 def moved(modes: ModeStates, step: ModeStep) -> ModeStates:
     """Return the modes one step on: mixed, then predicted by each mode, f x and f P f' + q."""
     weight, state, covariance = mixed(modes, step.switching)
-    f = step.transition
-    ahead = np.einsum("abmo,bdmo->admo", f, state)
-    half = np.einsum("abmo,bdtemo->adtemo", f, covariance)
-    spread = np.einsum("adtemo,btmo->adbemo", half, f)
+    half = _applied(step.transition, covariance).transpose(2, 3, 0, 1, 4, 5)
+    spread = _applied(step.transition, half)  # f (f P)' = f P f'
     for axis in range(state.shape[1]):
         spread[:, axis, :, axis] += step.process
-    return ModeStates(weight, ahead, spread)
+    return ModeStates(weight, _applied(step.transition, state), spread)
+
+
+def _applied(matrix: Array, values: Array) -> Array:
+    """Multiply the first axis of values (s, ..., M, O) by a matrix of each mode, (s, s, M, L)."""
+    if matrix.shape[-1] > 1:
+        return np.asarray(np.einsum("abmo,b...mo->a...mo", matrix, values))
+    modes_first = values.transpose(-2, *range(values.ndim - 2), -1)
+    flat = modes_first.reshape(*modes_first.shape[:2], -1)
+    product = (matrix[..., 0].transpose(2, 0, 1) @ flat).reshape(modes_first.shape)
+    return product.transpose(*range(1, values.ndim - 1), 0, -1)
 
 
 def updated(modes: ModeStates, place: Array, whitening: Array) -> ModeStates:
@@ -143,19 +151,19 @@ def updated(modes: ModeStates, place: Array, whitening: Array) -> ModeStates:
     whitening : (D, D, O), W, lower triangular, 1/m.
     """
     state, covariance = modes.state, modes.covariance
-    evidence = np.zeros(modes.weight.shape)
-    for row, measured in zip(whitening, np.einsum("abo,bo->ao", whitening, place), strict=True):
-        h = row[:, None]
-        column = (covariance[:, :, 0] * h).sum(axis=2)
-        total = np.maximum((column[0] * h).sum(axis=0), 0.0) + 1.0
+    alone, evidence = len(modes.weight) == 1, np.zeros(modes.weight.shape)
+    for h, measured in zip(whitening, np.einsum("abo,bo->ao", whitening, place), strict=True):
+        column = np.einsum("semdo,do->semo", covariance[:, :, 0].transpose(0, 1, 3, 2, 4), h)
+        total = np.maximum(np.einsum("dmo,do->mo", column[0], h), 0.0) + 1.0
         gain = column / total
-        gap = measured - (state[0] * h).sum(axis=0)
+        gap = measured - np.einsum("dmo,do->mo", state[0], h)
         state = state + gain * gap
         kept = covariance - gain[:, :, None, None] * column
-        rest = (kept[:, :, 0] * h).sum(axis=2) - gain
+        rest = np.einsum("semdo,do->semo", kept[:, :, 0].transpose(0, 1, 3, 2, 4), h) - gain
         covariance = kept - rest[:, :, None, None] * gain
-        evidence -= 0.5 * (np.log(total) + gap**2 / total)
-    if len(evidence) == 1:
+        if not alone:
+            evidence -= 0.5 * (np.log(total) + gap**2 / total)
+    if alone:
         return ModeStates(modes.weight, state, covariance)
     # No mode becomes impossible: one that weighs nothing at all could never come back, and
     # after steps much longer than the dwell time nothing would lead to the others.
@@ -346,12 +354,6 @@ class ModeReadings(NamedTuple):
     noise: Array
 
 
-def readings_ahead(motion: Motion, dt: float, steps: int) -> ModeReadings:
-    """Return `readings` for so many steps, from a table that is kept for the next call."""
-    table = readings(motion, dt, BLOCK * -(-steps // BLOCK))
-    return ModeReadings(*(part[:steps] for part in table))
-
-
 @lru_cache(maxsize=32)
 def readings(motion: Motion, dt: float, steps: int) -> ModeReadings:
     """Return them for the steps dt, 2 dt, ..., by going back from the last one.
@@ -390,17 +392,24 @@ def moments_ahead(modes: ModeStates, reads: ModeReadings) -> tuple[Array, Array]
     Cov = sum_j mu_j ((C_j + r_j r_j') : P_j + C_j : x_j x_j' + n_j I + (m_j - m)(m_j - m)')
     """
     weight, state = modes.weight, modes.state
+    steps, number = reads.noise.shape
+    components, size, _, count = state.shape
+    pairs = (weight * modes.covariance).transpose(4, 0, 2, 1, 3, 5)
     square = reads.spread + reads.mean[..., :, None] * reads.mean[..., None, :]
-    covariance = np.einsum("nmab,adbemo->ndeo", square, weight * modes.covariance)
-    each = np.einsum("nma,admo->ndmo", reads.mean, state)
-    mean = each[:, :, 0]
-    if len(weight) > 1:
-        mean = np.einsum("mo,ndmo->ndo", weight, each)
-        gap = each - mean[:, :, None]
-        covariance += np.einsum("ndmo,nemo->ndeo", weight * gap, gap)
-        covariance += np.einsum("nmab,admo,bemo->ndeo", reads.spread, weight * state, state)
-    noise = np.einsum("nm,mo->no", reads.noise, weight)
-    for axis in range(state.shape[1]):
+    covariance = square.reshape(steps, -1) @ pairs.reshape(number * components**2, -1)
+    covariance = covariance.reshape(steps, size, size, count)
+    flat = state.transpose(2, 0, 1, 3).reshape(number, components, -1)
+    each = (reads.mean.transpose(1, 0, 2) @ flat).reshape(number, steps, size, count)
+    mean = each[0]
+    if number > 1:
+        mean = np.einsum("mo,mndo->ndo", weight, each)
+        gap = each - mean
+        covariance += np.einsum("mndo,mneo->ndeo", weight[:, None, None] * gap, gap)
+        pairs = np.einsum("admo,bemo->mabdeo", weight * state, state)
+        moving = reads.spread.reshape(steps, -1) @ pairs.reshape(number * components**2, -1)
+        covariance += moving.reshape(covariance.shape)
+    noise = reads.noise @ weight
+    for axis in range(size):
         covariance[:, axis, axis] += noise
     return mean, covariance
 
@@ -415,41 +424,70 @@ class Start:
     origin : (D, O), m, that states are relative to.
     late : (O,), that number; a forecast must drop its first ``late`` steps.
     unseen : (O,), those without a measurement.
+    motion : of the modes.
+    dt : s, of a step.
     """
 
     modes: ModeStates
     origin: Array
     late: IntArray
     unseen: BoolArray
+    motion: Motion
+    dt: float
 
-    @classmethod
-    def of(
-        cls, beliefs: Beliefs, tracks: Tracks, motion: Motion, tracked: BoolArray | None = None
-    ) -> "Start":
-        """Carry beliefs over the part of a step by which measurements miss the grid.
+    def moments(self, steps: int) -> tuple[Array, Array]:
+        """Return mean (O, N, D), m, and covariance (O, N, D, D), m^2, of the first steps.
 
-        Parameters
-        ----------
-        beliefs : of the obstacles of the tracks, in any order of modes.
-        tracks : of the obstacles.
-        motion : of the modes.
-        tracked : (O,), whose position, velocity and covariances are those of the tracker, which
-            states them at the newest observed row; None where there is no tracker.
+        They are computed for a multiple of `BLOCK` steps and kept for the next call.
         """
-        *parts, origin = beliefs.values
-        modes, lag = ModeStates(*parts), tracks.lag
-        if tracked is not None and tracked.any():
-            rows = np.flatnonzero(tracked)
-            newest = gather(tracks, length=1)
-            lag = np.where(tracked, tracks.dt * newest.late, lag)
-            modes = modes.replaced(rows, _tracked(modes.at(rows), tracks, rows))
-            origin = np.where(tracked, newest.origin.T, origin)
-        late = np.minimum(np.floor(lag / tracks.dt + ON_GRID), MOST_STEPS).astype(np.int64)
-        rest = np.asarray(lag - tracks.dt * late, dtype=np.float64)
-        off = np.flatnonzero(rest > ON_GRID * tracks.dt)
-        if off.size:
-            modes = modes.replaced(off, moved(modes.at(off), _step(motion, rest[off])))
-        return cls(modes, origin, late, np.asarray(beliefs.count == 0))
+        length = BLOCK * -(-steps // BLOCK)
+        if length not in self._known:
+            middle, spread = moments_ahead(self.modes, readings(self.motion, self.dt, length))
+            mean = (middle + self.origin).transpose(2, 0, 1)
+            covariance = (0.5 * (spread + spread.swapaxes(1, 2))).transpose(3, 0, 1, 2)
+            if self.unseen.any():
+                mean[self.unseen] = 0.0
+                covariance[self.unseen] = NEVER_SEEN_SPREAD**2 * np.eye(mean.shape[2])
+            self._known[length] = mean, covariance
+        mean, covariance = self._known[length]
+        return mean[:, :steps], covariance[:, :steps]
+
+    @cached_property
+    def _known(self) -> dict[int, tuple[Array, Array]]:
+        return {}
+
+
+@lru_cache(maxsize=8)
+def started(beliefs: Beliefs, tracks: Tracks, motion: Motion, trusted: float = np.inf) -> Start:
+    """Carry beliefs over the part of a step by which measurements miss the grid.
+
+    The last ones are kept: a decision asks twice.
+
+    Parameters
+    ----------
+    beliefs : of the obstacles of the tracks, in any order of modes.
+    tracks : of the obstacles.
+    motion : of the modes.
+    trusted : number of measurements up to which position, velocity and covariances are those of
+        the tracker, where there is one, at the newest observed row. One that states no velocity
+        has its numbers used from the second measurement on.
+    """
+    *parts, origin = beliefs.values
+    modes, lag = ModeStates(*parts), tracks.lag
+    least = 2 if tracks.velocity is None else 1
+    tracked = (least <= beliefs.count) & (beliefs.count <= trusted)
+    if tracks.state_covariance is not None and tracked.any():
+        rows = np.flatnonzero(tracked)
+        newest = gather(tracks, length=1)
+        lag = np.where(tracked, tracks.dt * newest.late, lag)
+        modes = modes.replaced(rows, _tracked(modes.at(rows), tracks, rows))
+        origin = np.where(tracked, newest.origin.T, origin)
+    late = np.minimum(np.floor(lag / tracks.dt + ON_GRID), MOST_STEPS).astype(np.int64)
+    rest = np.asarray(lag - tracks.dt * late, dtype=np.float64)
+    off = np.flatnonzero(rest > ON_GRID * tracks.dt)
+    if off.size:
+        modes = modes.replaced(off, moved(modes.at(off), _step(motion, rest[off])))
+    return Start(modes, origin, late, np.asarray(beliefs.count == 0), motion, tracks.dt)
 
 
 def _tracked(modes: ModeStates, tracks: Tracks, rows: IntArray) -> ModeStates:
@@ -467,49 +505,29 @@ def _tracked(modes: ModeStates, tracks: Tracks, rows: IntArray) -> ModeStates:
     return ModeStates(modes.weight, state, covariance)
 
 
-def forecast_ahead(
-    beliefs: Beliefs, tracks: Tracks, motion: Motion, steps: int, name: str
-) -> Forecast:
-    """Forecast from the beliefs of one mode, with a tracker's numbers where there are any.
-
-    A tracker that states no velocity has its numbers used from the second measurement on.
-    """
-    tracked = None
-    if tracks.state_covariance is not None:
-        tracked = np.asarray(beliefs.count > (1 if tracks.velocity is None else 0), dtype=np.bool_)
-    start = Start.of(beliefs, tracks, motion, tracked)
-    return forecast(start, motion, tracks, steps, name)
-
-
-def forecast(start: Start, motion: Motion, tracks: Tracks, steps: int, name: str) -> Forecast:
+def forecast(start: Start, steps: int, name: str) -> Forecast:
     """Forecast one Gaussian per obstacle, with the exact moments of the motion's own future.
 
     Nothing is known of an obstacle never observed, so its mean is the world's origin (the one
     place where a forecast cannot turn and shift with the world) and its standard deviation
     `NEVER_SEEN_SPREAD`, the same unknown place at all steps.
     """
-    further = steps + int(start.late.max(initial=0))
-    middle, spread = moments_ahead(start.modes, readings_ahead(motion, tracks.dt, further))
-    mean = after((middle + start.origin).transpose(2, 0, 1), steps, start.late)[:, None]
-    spread = (0.5 * (spread + spread.swapaxes(1, 2))).transpose(3, 0, 1, 2)
-    covariance = after(spread, steps, start.late)[:, None]
+    mean, covariance = start.moments(steps + int(start.late.max(initial=0)))
     reasons: tuple[str | None, ...] = (None,) * len(mean)
     if start.unseen.any():
-        mean[start.unseen] = 0.0
-        covariance[start.unseen] = NEVER_SEEN_SPREAD**2 * np.eye(tracks.dimension)
         reasons = tuple(f"{name}: never observed" if new else None for new in start.unseen)
     return assembled(  # finite and PSD for tracks within the limits
         Forecast,
-        mean=mean,
-        covariance=covariance,
+        mean=after(mean, steps, start.late)[:, None],
+        covariance=after(covariance, steps, start.late)[:, None],
         weight=np.ones((len(mean), 1)),
-        dt=tracks.dt,
+        dt=start.dt,
         fallback=reasons,
-        joint_source=partial(_joint, start, motion, tracks.dt, steps),
+        joint_source=partial(_joint, start, steps),
     )
 
 
-def _joint(start: Start, motion: Motion, dt: float, steps: int) -> Array:
+def _joint(start: Start, steps: int) -> Array:
     """Joint covariance of the positions at all steps, (O, 1, N*D, N*D), m^2.
 
     With d_h = s_h - E[s_h], 1_j(h) that mode j is in force at step h and
@@ -519,7 +537,7 @@ def _joint(start: Start, motion: Motion, dt: float, steps: int) -> Array:
 
     and Cov(s_h, s_i) is the sum of the upper parts of all C_j(h).
     """
-    modes, step = start.modes, _same_step(motion, dt)
+    modes, step = start.modes, _same_step(start.motion, start.dt)
     f, chain = step.transition[..., 0], step.switching[..., 0]
     size, count = modes.state.shape[1], modes.state.shape[3]
     further = steps + int(start.late.max(initial=0))
