@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..framework.numerics.special import content_bound
+from ..framework.numerics.chi_square import content_bound
 from ..framework.region import Region
 from ..framework.values.arrays import Array
 from ..framework.values.forecast import Forecast, GaussianObstacle

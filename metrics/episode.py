@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..framework.numerics.special import content_bound as content_bound
+from ..framework.numerics.chi_square import content_bound as content_bound
 from ..framework.values.arrays import Array, BoolArray, checked_covariance
 from ..framework.values.path import Path
 

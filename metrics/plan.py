@@ -9,7 +9,6 @@ from math import gamma, pi
 
 import numpy as np
 
-from ..framework.numerics.special import upper_gamma
 from ..framework.risk.collision_probability import collision_probability
 from ..framework.values.arrays import Array, BoolArray, checked_covariance
 from .episode import content_bound, squared_mahalanobis
@@ -115,5 +114,7 @@ def outside_content(mean: Array, covariance: Array, truth: Array, content: Array
     mean, covariance, truth : (..., D), (..., D, D), (..., D), m; the truth finite.
     content : (...), in [0, 1].
     """
+    from scipy.special import chdtrc
+
     square = squared_mahalanobis(mean, covariance, truth)
-    return upper_gamma(0.5 * mean.shape[-1], 0.5 * square) < 1.0 - content
+    return np.asarray(chdtrc(mean.shape[-1], square) < 1.0 - content)

@@ -11,7 +11,6 @@ from typing import TypeVar, final
 import numpy as np
 
 from ..framework.numerics.geometry import distance_to_ellipse, sum_gauge, sum_volume
-from ..framework.numerics.special import normal_quantile, upper_gamma, upper_gamma_quantile
 from ..framework.region import Region, Signed
 from ..framework.risk.collision_probability import collision_probability
 from ..framework.values.arrays import Array, positive, whole
@@ -141,6 +140,8 @@ class Walk:
         rule : deviations (D,) m, all above 0 -> unit vectors (K, D) along the eigenvectors in
             that frame, and their weights (K,), None for equal ones.
         """
+        from scipy.special import chdtrc
+
         if not self.deviations[-1] > 1e-12 * self.deviations[0]:
             return float("nan")
         try:
@@ -154,9 +155,8 @@ class Walk:
         stretched = directions * self.deviations
         scale = np.hypot.reduce(stretched, axis=-1)
         ray = (stretched / scale[:, None]) @ self.vectors.T
-        half = 0.5 * (self.radius(ray, bare) / scale) ** 2
-        size = len(self.axes)
-        beyond = np.exp(-half) if size == 2 else upper_gamma(0.5 * size, half)
+        square = (self.radius(ray, bare) / scale) ** 2
+        beyond = chdtrc(len(self.axes), square)
         return float(np.average(beyond, weights=weights))
 
     def refuse(self, why: str) -> WideberthError:
@@ -169,6 +169,8 @@ class Walk:
 
 def start(region: Region, obstacle: GaussianObstacle, margin: float, level: float) -> Walk:
     """Check the input and prepare a walk; raises as `along_boundary`."""
+    from scipy.special import chdtri
+
     size = obstacle.mean.size
     if obstacle.mean.shape not in ((2,), (3,)) or size not in region.dimensions:
         raise WideberthError(
@@ -181,7 +183,7 @@ def start(region: Region, obstacle: GaussianObstacle, margin: float, level: floa
         raise WideberthError(f"level is {level:g}, whose tail is 0 in double precision; lower it")
     values, vectors = np.linalg.eigh(obstacle.covariance)
     deviations = np.sqrt(np.clip(values, 0.0, None))[::-1]
-    axes = _content_level(min(tail, 1.0), size) * deviations
+    axes = np.sqrt(chdtri(size, min(tail, 1.0))) * deviations
     parameters = region.parameters(obstacle, np.asarray(margin))
     walk = Walk(
         region, obstacle, margin, float(level), parameters, vectors[:, ::-1], deviations, axes
@@ -210,13 +212,6 @@ def _secant(value: Callable[[Array], Array], high: Array) -> Array:
         low, high = np.where(inside, near, low), np.where(inside, high, near)
         side = np.where(inside, -1.0, 1.0)
     return near
-
-
-def _content_level(tail: float, dimension: int) -> float:
-    """Root of the upper chi-square quantile; in 2-D its closed form."""
-    if dimension == 2:
-        return float(np.sqrt(-2.0 * np.log(tail)))
-    return float(np.sqrt(2.0 * upper_gamma_quantile(0.5 * dimension, tail)))
 
 
 _STEPS = 32
@@ -543,7 +538,9 @@ class RiskReport:
     @property
     def effective_level(self) -> float:
         """-Phi^-1(risk_max): the level of the exact sum that guarantees the same risk."""
-        return -normal_quantile(self.risk_max)
+        from scipy.special import ndtri
+
+        return -float(ndtri(self.risk_max))
 
 
 def measure(region: Region, obstacle: GaussianObstacle, margin: float, level: float) -> RiskReport:

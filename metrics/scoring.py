@@ -18,7 +18,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..framework.numerics.special import upper_gamma, upper_gamma_quantile
 from ..framework.values.arrays import Array, checked_covariance, positive, probability
 from .episode import SMALLEST, content_bound, squared_mahalanobis
 
@@ -199,8 +198,10 @@ def reason_kind(reason: str) -> str:
 
 def _chi_square_tail(mean: Array, covariance: Array, truth: Array) -> Array:
     """Tail of one Gaussian beyond the truth, (...)."""
+    from scipy.special import chdtrc
+
     square = squared_mahalanobis(mean, covariance, truth)
-    return upper_gamma(0.5 * mean.shape[-1], 0.5 * square)
+    return np.asarray(chdtrc(mean.shape[-1], square))
 
 
 def _rank(mean: Array, covariance: Array, weight: Array, truth: Array, draws: Array) -> Array:
@@ -303,8 +304,10 @@ def standard_nodes(size: int) -> Array:
     H. Niederreiter, "Random Number Generation and Quasi-Monte Carlo Methods", 1992, section 3.2,
     for one coordinate evenly divided beside a sequence in the others.
     """
+    from scipy.special import chdtri
+
     number = np.arange(NODES)
-    radius = np.sqrt(2.0 * upper_gamma_quantile(0.5 * size, (NODES - number - 0.5) / NODES))
+    radius = np.sqrt(chdtri(size, (NODES - number - 0.5) / NODES))
     ratio = 1.618033988749895 if size < 3 else 1.324717957244746
     share = ratio ** -(size - 1.0) if size > 1 else 0.5
     turn = 2.0 * np.pi * ((0.5 + number * share) % 1.0)

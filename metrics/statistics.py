@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..framework.numerics.special import beta_quantile
 from ..framework.values.arrays import Array, BoolArray, checked, probability, whole
 from ..framework.values.errors import WideberthError
 
@@ -44,13 +43,15 @@ def clopper_pearson(successes: int, trials: int, tail: float = 0.05) -> tuple[fl
     >>> low, round(high, 4)
     (0.0, 0.1684)
     """
+    from scipy.special import betaincinv
+
     k, n = whole("successes", successes, least=0), whole("trials", trials, least=0)
     half = 0.5 * probability("tail", tail)
     if k > n:
         raise WideberthError(f"successes is {k} of {n} trials; wanted no more than the trials")
-    low = beta_quantile(k, n - k + 1, half) if k else 0.0
+    low = float(betaincinv(k, n - k + 1, half)) if k else 0.0
     # The mirror image, so that a small tail keeps its digits.
-    high = 1.0 - beta_quantile(n - k, k + 1, half) if k < n else 1.0
+    high = 1.0 - float(betaincinv(n - k, k + 1, half)) if k < n else 1.0
     return low, high
 
 

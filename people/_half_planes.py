@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..framework.jit.cached_njit import cached_njit
+from ..framework.plugins.njit import cached_njit
 from ..framework.values.arrays import Array, BoolArray
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]

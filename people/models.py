@@ -10,7 +10,6 @@ from typing import ClassVar, TypeVar, final
 
 import numpy as np
 
-from ..framework.jit.cached_njit import check_numba
 from ..framework.values.arrays import Array, BoolArray, positive, whole
 from ._half_planes import compiled
 
@@ -219,7 +218,6 @@ class Reciprocal(PersonModel):
     safety_space: float = 0.01
 
     def __post_init__(self) -> None:
-        check_numba("reciprocal")
         whole("reciprocal.most_neighbours", self.most_neighbours)
         for name in ("neighbour_distance", "time_horizon", "obstacle_horizon"):
             positive(f"reciprocal.{name}", getattr(self, name))

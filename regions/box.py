@@ -10,7 +10,6 @@ from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from ..framework.numerics.special import normal_below, normal_quantile
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, Convex, Guarantee, Relation, Signed
 from ..framework.values.arrays import (
@@ -34,15 +33,19 @@ def box_level(tail: float, components: int, correction: Correction) -> float:
     Bonferroni: Phi^-1(1 - alpha / (2K)). Sidak: Phi^-1((1 + (1 - alpha)^(1/K)) / 2), exact for
     independent components and safe for all jointly Gaussian ones (Sidak's inequality).
     """
+    from scipy.special import ndtri
+
     tail = probability("tail", tail)
     if correction == "bonferroni":
-        return -normal_quantile(tail / (2 * components))
-    return -normal_quantile(-0.5 * math.expm1(math.log1p(-tail) / components))
+        return -float(ndtri(tail / (2 * components)))
+    return -float(ndtri(-0.5 * math.expm1(math.log1p(-tail) / components)))
 
 
 def box_tail(level: float, components: int, correction: Correction) -> float:
     """Inverse of `box_level`: 2K Phi(-z), at most 1, or 1 - (1 - 2 Phi(-z))^K."""
-    outside = 2.0 * float(normal_below(-max(float(level), 0.0)))
+    from scipy.special import ndtr
+
+    outside = 2.0 * float(ndtr(-max(float(level), 0.0)))
     if correction == "bonferroni":
         return min(1.0, components * outside)
     return -math.expm1(components * math.log1p(-outside)) if outside < 1.0 else 1.0
@@ -128,6 +131,8 @@ def box_content(half: Array, covariance: Array, nodes: int = 200) -> float:
     ------
     WideberthError : what is no covariance of two coordinates, or a variance of zero.
     """
+    from scipy.special import ndtr
+
     covariance = checked_covariance("covariance", covariance, (2, 2))
     points, weights = np.polynomial.legendre.leggauss(nodes)
     variances = np.diagonal(covariance)
@@ -137,8 +142,8 @@ def box_content(half: Array, covariance: Array, nodes: int = 200) -> float:
     correlation = covariance[0, 1] / (first * second)
     u = half[0] / first * points
     spread = np.sqrt(1.0 - correlation**2)
-    upper = normal_below((half[1] / second - correlation * u) / spread)
-    lower = normal_below((-half[1] / second - correlation * u) / spread)
+    upper = ndtr((half[1] / second - correlation * u) / spread)
+    lower = ndtr((-half[1] / second - correlation * u) / spread)
     density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
     return float(half[0] / first * (weights * density * (upper - lower)).sum())
 

@@ -10,14 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..framework.numerics.chi_square import content_bound
 from ..framework.numerics.eigenframe import eigen_axes
 from ..framework.numerics.geometry import UNIT_BALL, distance_to_ellipse
-from ..framework.numerics.special import (
-    normal_below,
-    normal_quantile,
-    upper_gamma,
-    upper_gamma_quantile,
-)
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, ClosedForm, Convex, Region, RiskLevel, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar, all_finite, probability
@@ -156,10 +151,7 @@ def ellipse_level(tail: float, dimension: int = 2) -> float:
     erf(s / sqrt 2) - sqrt(2 / pi) s exp(-s^2 / 2) = 1 - tail. The tail is the argument, since
     1 - 1e-12 as a float has lost four digits of it.
     """
-    tail = probability("tail", tail)
-    if dimension == 2:
-        return float(np.sqrt(-2.0 * np.log(tail)))
-    return float(np.sqrt(2.0 * upper_gamma_quantile(0.5 * dimension, tail)))
+    return math.sqrt(content_bound(dimension, tail))
 
 
 def ellipse_tail(level: float, dimension: int = 2) -> float:
@@ -167,7 +159,9 @@ def ellipse_tail(level: float, dimension: int = 2) -> float:
     size = max(float(level), 0.0)
     if dimension == 2:
         return float(np.exp(-0.5 * size**2))
-    return float(upper_gamma(0.5 * dimension, 0.5 * size**2))
+    from scipy.special import chdtrc
+
+    return float(chdtrc(dimension, size**2))
 
 
 def line_level(risk: float) -> float:
@@ -175,12 +169,16 @@ def line_level(risk: float) -> float:
 
     A normal coordinate lies beyond it with probability ``risk``.
     """
-    return max(0.0, -normal_quantile(probability("risk", risk)))
+    from scipy.special import ndtri
+
+    return max(0.0, -float(ndtri(probability("risk", risk))))
 
 
 def line_risk(level: float) -> float:
     """Phi(-s), the inverse of `line_level`; 1/2 for s at or below 0."""
-    return float(normal_below(-max(float(level), 0.0)))
+    from scipy.special import ndtr
+
+    return float(ndtr(-max(float(level), 0.0)))
 
 
 def circle(count: int, vectors: Array) -> Array:

@@ -6,7 +6,6 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.special import normal_below
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, Constraint, Guarantee, Polygonal, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
@@ -113,12 +112,14 @@ class WhitenedBox(Polygonal, gaussian.Eigenframe, gaussian.ExponentLevel, Bounde
 
 def _log_bound(centre: Array, half: Array, deviations: Array) -> Array:
     """Logarithm of the product, in the eigenframe; deviations of zero are limits."""
+    from scipy.special import ndtr
+
     solid = np.hypot(deviations, gaussian.FLOOR)
     low, high = (np.abs(centre) - half) / solid, (np.abs(centre) + half) / solid
     factor = np.where(
         low > 0.0,
-        normal_below(-low) - normal_below(-high),
-        1.0 - normal_below(-high) - normal_below(low),
+        ndtr(-low) - ndtr(-high),
+        1.0 - ndtr(-high) - ndtr(low),
     )
     return np.asarray(np.log(np.maximum(factor, 1e-300)).sum(axis=-1))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..draw.plans import kept_out
 from ..draw.style import chosen_steps
-from ..framework.numerics.special import content_bound
+from ..framework.numerics.chi_square import content_bound
 from ..framework.risk.overlap_tables import ellipses_of
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array

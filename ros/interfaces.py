@@ -24,16 +24,16 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from ..framework.jit import cache
-from ..framework.jit.store import progress_notice
+from ..framework.plugins import code_cache
+from ..framework.plugins.file_lock import file_lock
 from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError, short
 from .definitions import ACTIONS, DEFINITIONS
 
 _KNOWN_NAV2 = ("7", "9")
 """Major versions of rclpy, of Jazzy and Kilted, in which the actions of Nav2 are those here."""
-_USUAL = 3.0
-"""s that it takes to compile a package on one core."""
+_PATIENCE = 300.0
+"""s to wait for another process that compiles the same package."""
 
 _SUPPORTS = ["rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c"]
 """What the middlewares of ROS 2 write and read messages with."""
@@ -101,25 +101,25 @@ def _compiled(package: str) -> Path:
         )
     wanted = _Package(package, texts, prefixes)
     try:
-        path = cache.folder("ros") / f"{package}_{wanted.digest()}"
+        path = code_cache.folder("ros") / f"{package}_{wanted.digest()}"
     except OSError as error:
         raise WideberthError(f"no place for the messages of {package}: {error}") from None
-    what = f"compiling the messages of {package} (once)"
-    waiting = f"waiting for another process, which compiles the messages of {package}"
     if not path.is_dir():
-        with cache.alone(path, progress_notice(_say, waiting, _USUAL)):
-            if not path.is_dir():
-                with progress_notice(_say, what, _USUAL):
+        print(f"compiling the messages of {package} (once) ...", file=sys.stderr, flush=True)
+        try:
+            with file_lock(path.with_name(f".lock-{package}"), _PATIENCE):
+                if not path.is_dir():
                     wanted.make(path)
+        except OSError as error:
+            raise WideberthError(
+                f"the messages of {package} cannot be compiled, or another process has been "
+                f"compiling them for {_PATIENCE:.0f} s: {error}"
+            ) from None
     try:
-        cache.check_private(path, *path.rglob("*"))
+        code_cache.check_private(path, *path.rglob("*"))
     except OSError as error:
         raise WideberthError(f"the messages of {package} are not loaded: {error}") from None
     return path
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
 
 
 def _prefixes(package: str) -> list[Path]:
@@ -177,7 +177,7 @@ class _Package:
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 list(pool.map(lambda library: self._compile(work, library, first), others))
             for place in (work / "whole", *(work / "whole").rglob("*")):
-                place.chmod(place.stat().st_mode & ~0o022)  # see `cache.check_private`
+                place.chmod(place.stat().st_mode & ~0o022)  # see `code_cache.check_private`
             (work / "whole").rename(path)
 
     def _generate(self, work: Path) -> None:

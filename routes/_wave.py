@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..framework.jit.cached_njit import cached_njit
+from ..framework.plugins.njit import cached_njit
 
 NEUTRAL, OBSTACLE, UNREACHED = 50, 254, 1e10
 """Cost of a free cell and of an obstacle; potential of a cell that the wave has not reached."""

@@ -7,7 +7,6 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..framework.jit.cached_njit import check_numba
 from ..framework.route_planner import Route, RoutePlanner
 from ..framework.values.arrays import Array, checked, positive, whole
 from ..framework.values.costmap import FREE_SPACE, INSCRIBED, LETHAL, NO_INFORMATION, Costmap
@@ -118,7 +117,6 @@ class NavFn(RoutePlanner):
     max_cycles_factor: int = 4
 
     def __post_init__(self) -> None:
-        check_numba("navfn")
         tolerance = positive("navfn.tolerance", self.tolerance, zero=True)
         factor = whole("navfn.max_cycles_factor", self.max_cycles_factor)
         object.__setattr__(self, "tolerance", tolerance)

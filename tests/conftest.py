@@ -4,7 +4,7 @@ import ctypes
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -164,33 +164,3 @@ def _memory_given_back(_left: list[float]) -> Iterator[None]:
     gc.collect()
     getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # glibc keeps freed blocks otherwise
     _left.append(resident())
-
-
-@pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of compiled code, and a process that has loaded none."""
-    from wideberth.framework.jit import store
-
-    monkeypatch.setenv("WIDEBERTH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(store, "_LOADED", {})
-    return tmp_path / "cache" / "jit"
-
-
-@pytest.fixture
-def again(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
-    """Load a source of `double` as a new process would, and return what was announced.
-
-    Every compilation is announced, however short: it is what tests look at.
-    """
-    from wideberth.framework.jit import load, store
-
-    monkeypatch.setattr(store, "WORTH", 0.0)
-
-    def loaded(source: str) -> list[str]:
-        monkeypatch.setattr(store, "_LOADED", {})
-        said: list[str] = []
-        place = load("tested", source, ["double"], said.append)["double"]
-        assert ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(place)(4.0) == 8.0
-        return said
-
-    return loaded

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...draw.shapes import circle, ellipses
 from ...draw.style import BLACK
-from ...framework.numerics.special import content_bound
+from ...framework.numerics.chi_square import content_bound
 from ...framework.values.arrays import Array
 from ...simulation.log.episode_log import Episode
 from ...simulation.log.perception_log import Glance

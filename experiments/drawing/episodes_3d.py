@@ -6,7 +6,7 @@ import numpy as np
 
 from ...draw import shapes
 from ...draw.style import FORECAST, frame_space, number
-from ...framework.numerics.special import content_bound
+from ...framework.numerics.chi_square import content_bound
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle, resample

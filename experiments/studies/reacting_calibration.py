@@ -8,7 +8,7 @@ import numpy as np
 
 from ...framework import Controller, Robot, Tracks, WideberthError
 from ...framework.controller import driving
-from ...framework.numerics.special import content_bound
+from ...framework.numerics.chi_square import content_bound
 from ...framework.tracking.windows import windows_of
 from ...framework.values.arrays import Array, positive, whole
 from ...metrics.statistics import known_mean, ratio_interval

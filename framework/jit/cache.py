@@ -7,7 +7,6 @@ hash in front of the code shows damage, no malice. Root is trusted.
 
 import os
 import stat
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from hashlib import sha256
 from pathlib import Path
 
-from ..plugins.extras import from_extra
+from ..plugins import code_cache
 from ..plugins.file_lock import file_lock
 
 _BUDGET = 200 * 2**20
@@ -29,64 +28,9 @@ _HASH = 32
 """Bytes of the hash in front of the code."""
 
 
-def folder(kind: str = "jit") -> Path:
-    """Return the folder, made if missing: in WIDEBERTH_CACHE, else among the user's caches.
-
-    Parameters
-    ----------
-    kind : of what is kept there; each has a folder of its own.
-
-    Raises
-    ------
-    OSError : it cannot be made, its user has no home folder, it is a symbolic link, or other
-        users may write there.
-    WideberthError : it is among the user's caches, and platformdirs is not installed.
-    """
-    chosen = os.environ.get("WIDEBERTH_CACHE")
-    try:
-        base = Path(chosen or _user_cache()).expanduser()
-    except RuntimeError as error:  # there is no home folder
-        raise OSError(f"no place for it: {error}; set WIDEBERTH_CACHE") from None
-    root = base.absolute() / kind
-    for place in (base.absolute(), root):
-        if place.is_symlink():
-            raise PermissionError(
-                f"{place} is a symbolic link, which is not followed: set WIDEBERTH_CACHE to the "
-                "folder that it leads to"
-            )
-    root.mkdir(0o700, parents=True, exist_ok=True)
-    check_private(root)
-    return root
-
-
-def check_private(*paths: Path) -> None:
-    """Refuse files and folders of code that another user could have put there, and links.
-
-    Raises
-    ------
-    OSError : one is a symbolic link, belongs to another user, may be written by others, or is not
-        there.
-    """
-    for path in paths:
-        if path.is_symlink() or not _own(path.stat()):
-            raise PermissionError(
-                f"{path} is a link, belongs to another user, or others may write there: remove "
-                f"it, or `chmod 700 {path}` if all in it is yours, or set WIDEBERTH_CACHE"
-            )
-
-
-def _user_cache() -> str:
-    """Return this user's folder of caches, as the operating system has it."""
-    need = "a folder for compiled code needs platformdirs"
-    places = from_extra("platformdirs", "fast", need, "or set WIDEBERTH_CACHE")
-    return str(places.user_cache_dir("wideberth", False))
-
-
-def _own(found: os.stat_result) -> bool:
-    """Whether this user or root owns a file or a folder, and no other user may write it."""
-    if sys.platform == "win32":  # where the folder's place in the user's profile protects it
-        return True
-    return found.st_uid in (os.getuid(), 0) and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+def folder() -> Path:
+    """Return the folder of object code; raises as `wideberth.framework.plugins.code_cache`."""
+    return code_cache.folder("jit")
 
 
 def read(path: Path) -> bytes | None:
@@ -97,7 +41,7 @@ def read(path: Path) -> bytes | None:
     try:
         with open(os.open(path, flags), "rb") as file:
             found = os.fstat(file.fileno())
-            if not (stat.S_ISREG(found.st_mode) and _own(found)):
+            if not (stat.S_ISREG(found.st_mode) and code_cache.is_private(found)):
                 return None
             seal, code = file.read(_HASH), file.read()
     except OSError:

@@ -6,7 +6,6 @@
 import numpy as np
 
 from ..values.arrays import Array, BoolArray
-from .special import carlson_rf, carlson_rg
 
 UNIT_BALL = {2: np.pi, 3: 4.0 / 3.0 * np.pi}
 """Area of the unit disc and volume of the unit ball, by dimension."""
@@ -118,8 +117,10 @@ def distance_to_ellipse(points: Array, axes: Array) -> Array:
 
 def perimeter(axes: Array) -> Array:
     """Perimeter of an ellipse, m, 8 R_G(0, a^2, b^2): (..., 2) -> (...)."""
+    from scipy.special import elliprg
+
     squares = np.asarray(axes, dtype=np.float64) ** 2
-    return np.asarray(8.0 * carlson_rg(0.0, squares[..., 0], squares[..., 1]))
+    return np.asarray(8.0 * elliprg(0.0, squares[..., 0], squares[..., 1]))
 
 
 def surface(axes: Array) -> Array:
@@ -128,14 +129,18 @@ def surface(axes: Array) -> Array:
     4 pi R_G(a^2 b^2, a^2 c^2, b^2 c^2), which is 4 pi a b c R_G(a^-2, b^-2, c^-2) by the
     homogeneity of R_G and stays finite for flat ellipsoids.
     """
+    from scipy.special import elliprg
+
     a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
-    return np.asarray(4.0 * np.pi * carlson_rg(a * b, a * c, b * c))
+    return np.asarray(4.0 * np.pi * elliprg(a * b, a * c, b * c))
 
 
 def mean_support(axes: Array) -> Array:
     """Mean of the support function of an ellipsoid, m, R_G(a^2, b^2, c^2); half the width."""
+    from scipy.special import elliprg
+
     a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
-    return np.asarray(carlson_rg(a, b, c))
+    return np.asarray(elliprg(a, b, c))
 
 
 def mean_cubed_support(axes: Array) -> Array:
@@ -147,11 +152,13 @@ def mean_cubed_support(axes: Array) -> Array:
 
     by the recurrence of Carlson's R_-p in p, which ends here since its next term is elementary.
     """
+    from scipy.special import elliprf, elliprg
+
     a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
     pairs = a * b + a * c + b * c
     solid = pairs > 0.0  # with two axes of zero R_F is infinite and its factor zero
-    product = pairs * carlson_rf(*(np.where(solid, value, 1.0) for value in (a, b, c)))
-    total = 4.0 * (a + b + c) * carlson_rg(a, b, c)
+    product = pairs * elliprf(*(np.where(solid, value, 1.0) for value in (a, b, c)))
+    total = 4.0 * (a + b + c) * elliprg(a, b, c)
     return np.asarray((total - product - np.sqrt(a * b * c)) / 8.0)
 
 

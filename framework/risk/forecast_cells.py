@@ -8,8 +8,8 @@ from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 
-from ..jit.cached_njit import cached_njit, check_numba
-from ..numerics.special import content_bound
+from ..numerics.chi_square import content_bound
+from ..plugins.njit import cached_njit
 from ..values.arrays import Array, checked_choice, positive, probability
 from ..values.forecast import LIGHT, Forecast
 from ..values.occupancy_grid import OCCUPIED_CELL, CellGrid, OccupancyGrid
@@ -66,7 +66,6 @@ class ForecastCells:
     shows: Shown = "region"
 
     def __post_init__(self) -> None:
-        check_numba("forecast_cells")
         for name in ("horizon", "step"):
             positive(f"cells.{name}", getattr(self, name))
         probability("cells.tail", self.tail)

@@ -1,12 +1,9 @@
 """Probabilities that a Gaussian point is within a disc, tabled by where the disc is."""
 
-from functools import cache
-from math import erfc, sqrt
 from typing import Any
 
 import numpy as np
 
-from ..jit.cached_njit import cached_njit
 from ..values.arrays import Array
 
 NODES, PLACES = 32, 24
@@ -56,6 +53,8 @@ def overlap_tables(deviations: Array, radii: Array) -> Array:
     -------
     tables : (..., PLACES, PLACES), for d_1 and d_2 from 0 to R + REACH s.
     """
+    from scipy.special import ndtr
+
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     size = radii[..., None]
     u = size * nodes
@@ -67,21 +66,7 @@ def overlap_tables(deviations: Array, radii: Array) -> Array:
     density = np.exp(-0.5 * ((u / narrow)[..., None, :] - first) ** 2)
     density *= (size * weights / narrow / np.sqrt(2.0 * np.pi))[..., None, :]
     half = (w / wide)[..., :, None]
-    below = _compiled()
-    return np.asarray(density @ (below(half - second) - below(-half - second)))
-
-
-def normal_below(x: Any) -> Any:
-    """Phi(x) of many numbers, as `wideberth.framework.numerics.special` has it; for Numba."""
-    found = np.empty(x.shape)
-    for place, value in np.ndenumerate(x):
-        found[place] = 0.5 * erfc(-sqrt(0.5) * value)
-    return found
-
-
-@cache
-def _compiled() -> Any:
-    return cached_njit([normal_below])[0]
+    return np.asarray(density @ (ndtr(half - second) - ndtr(-half - second)))
 
 
 def scales_of(deviations: Array, radii: Array) -> Array:

@@ -8,7 +8,6 @@ from typing import TypeAlias
 import numpy as np
 
 from ..numerics.geometry import sum_gauge
-from ..numerics.special import upper_gamma_quantile
 from ..region import Region
 from ..values.arrays import Array, BoolArray
 from ..values.errors import WideberthError
@@ -136,7 +135,9 @@ class RegionCase:
 
     @cached_property
     def _content_level(self) -> Array:
-        return np.asarray(np.sqrt(2.0 * upper_gamma_quantile(0.5 * self.size, self.tail)))
+        from scipy.special import chdtri
+
+        return np.asarray(np.sqrt(chdtri(self.size, self.tail)))
 
     @cached_property
     def _principal(self) -> tuple[Array, Array]:

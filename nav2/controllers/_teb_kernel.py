@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.jit.cached_njit import cached_njit
+from ...framework.plugins.njit import cached_njit
 from ...framework.values.arrays import Array
 
 (

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.jit.cached_njit import cached_njit
+from ...framework.plugins.njit import cached_njit
 from ...framework.values.arrays import Array
 
 Vector = tuple[float, float, float]

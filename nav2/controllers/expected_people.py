@@ -7,7 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.jit.cached_njit import cached_njit
+from ...framework.plugins.njit import cached_njit
 from ...framework.risk.overlap_tables import bilinear, ellipses_of, overlap_tables, scales_of
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import LIGHT

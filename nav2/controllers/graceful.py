@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple, final
 
 import numpy as np
 
-from ...framework.jit.cached_njit import cached_njit, check_numba
+from ...framework.plugins.njit import cached_njit
 from ...framework.values.arrays import Array
 from ...framework.values.motion import Twist
 from ..costmap.footprint import line_cost, outline_cost
@@ -107,7 +107,6 @@ class Graceful(LocalController):
     final_rotation_search_step: Positive = 0.1
 
     def __post_init__(self) -> None:
-        check_numba("graceful")
         check_parameters(self, "graceful")
         self.allow_backward = self.allow_backward and not self.initial_rotation
         span = max(self.v_linear_max - self.footprint_scaling_linear_vel, 0.0)

@@ -8,7 +8,6 @@ from typing import Annotated, final
 import numpy as np
 from annotated_types import Ge
 
-from ...framework.jit.cached_njit import check_numba
 from ...framework.values.arrays import Array
 from ..parameters import Count, Limited, Named, NonNegative, Positive, check_parameters, check_work
 from ._teb_kernel import wrapped
@@ -142,7 +141,6 @@ class TebParameters:
     controller_frequency: NonNegative = 20.0
 
     def __post_init__(self) -> None:
-        check_numba("teb")
         check_parameters(self, "teb")
         bands = self.max_number_classes if self.enable_homotopy_class_planning else 1
         solved = self.no_inner_iterations * self.no_outer_iterations * self.max_samples * bands

@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...framework.jit.cached_njit import cached_njit, check_numba
+from ...framework.plugins.njit import cached_njit
 from ...framework.values.arrays import Array, checked, positive
 from ...framework.values.costmap import LETHAL, Costmap
 from ...framework.values.errors import WideberthError
@@ -37,7 +37,6 @@ class RobotFootprint:
     use_radius: bool = False
 
     def __post_init__(self) -> None:
-        check_numba("nav2")
         vertices = checked("footprint.vertices", self.vertices, (None, 2))
         if len(vertices) < 3:
             raise WideberthError(

@@ -11,7 +11,6 @@ from ...controllers.steering import FAST, top_speed, yaw_acceleration
 from ...framework.control.command_limits import attained, within_reach
 from ...framework.control.rate_limited_warnings import WARNINGS
 from ...framework.controller import Controller, checked_path, checked_ready, checked_use
-from ...framework.jit.cached_njit import check_numba
 from ...framework.robot import Robot
 from ...framework.route_planner import RoutePlanner
 from ...framework.tracking.stand_ins import sound
@@ -118,7 +117,6 @@ class Nav2(Controller):
     forecasts: ForecastLayer | None = None
 
     def __post_init__(self) -> None:
-        check_numba("nav2")
         kind = type(self.robot).__name__
         rest = np.zeros(len(self.robot.states))
         if self.robot.dimension != 2 or self.robot.pose(tuple(rest)).heading is None:

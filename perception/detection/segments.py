@@ -8,7 +8,7 @@ from math import atan2, cos, sin
 
 import numpy as np
 
-from ...framework.numerics.special import content_bound
+from ...framework.numerics.chi_square import content_bound
 from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.sensing import Scan, Segments, Sightings
 from .groups import by_gap

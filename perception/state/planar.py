@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...framework.numerics.special import upper_gamma_quantile
+from ...framework.numerics.chi_square import content_bound
 from ...framework.state_estimator import StateEstimator, checked_start
 from ...framework.values.arrays import Array, assembled, positive
 from ...framework.values.errors import WideberthError
@@ -118,7 +118,7 @@ class PlanarFilter(StateEstimator):
         name = type(self).__name__.lower()
         positive(f"{name}.wheel_radius", self.wheel_radius)
         positive(f"{name}.rest", self.rest, zero=True)
-        self._farthest = 2.0 * float(upper_gamma_quantile(0.5, _GATE))
+        self._farthest = content_bound(1, _GATE)
         self._noise = noise = noise_of(self.noise)
         self._growth = np.array([
             *(noise.position, noise.position, noise.heading, noise.speed, noise.lateral_speed),

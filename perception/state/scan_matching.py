@@ -7,7 +7,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...framework.numerics.special import content_bound
+from ...framework.numerics.chi_square import content_bound
 from ...framework.plugins.config import ADVICE, build
 from ...framework.state_estimator import StateEstimator, checked_start, poses_at
 from ...framework.values.arrays import Array, BoolArray, assembled

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ...framework.calibration import Calibration, CalibrationScores
-from ...framework.numerics.special import content_bound
+from ...framework.numerics.chi_square import content_bound
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.windows import IntArray, Windows
 from ...framework.values.arrays import Array, altered, assembled, checked, positive

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...framework.numerics.special import upper_gamma_quantile
+from ...framework.numerics.chi_square import content_bound
 from ...framework.values.arrays import Array
 from .history import Histories
 from .propagation import joint_covariance, white_acceleration
@@ -67,6 +67,6 @@ def _lines(longest: int, size: int) -> tuple[Array, Array, Array]:
         rest = np.eye(steps + 1) - design @ np.linalg.pinv(design)
         residual[steps, -steps - 1 :, -steps - 1 :] = rest
         free = steps - 1
-        bound[steps] = 2.0 * float(upper_gamma_quantile(0.5 * size * free, DOUBT))
+        bound[steps] = content_bound(size * free, DOUBT)
         drift[steps] = np.trace(rest @ walked[: steps + 1, : steps + 1]) / free
     return residual, bound, drift

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.numerics.special import content_bound
+from ...framework.numerics.chi_square import content_bound
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...metrics.statistics import known_mean

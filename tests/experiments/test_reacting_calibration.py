@@ -15,7 +15,7 @@ from wideberth.experiments.studies.reacting_calibration import (
     counts,
     next_radius,
 )
-from wideberth.framework.numerics.special import content_bound
+from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.episode import squared_mahalanobis

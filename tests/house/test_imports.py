@@ -65,7 +65,7 @@ ARROWS: dict[str, set[str]] = {
     "framework/plugins": {"framework/values"},
     INTERFACES: {"framework/numerics", "framework/values"},
     "framework/risk": {
-        INTERFACES, "framework/jit", "framework/numerics", "framework/plugins", "framework/values",
+        INTERFACES, "framework/numerics", "framework/plugins", "framework/values",
     },
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
     "framework/control": {

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from wideberth.framework.jit.cached_njit import cached_njit
+from wideberth.framework.plugins.njit import cached_njit
 from wideberth.nav2.controllers import smooth_control_law as law_module
 from wideberth.nav2.controllers.graceful import Graceful
 from wideberth.nav2.controllers.local_controller import Tick

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 import pytest
 
-from wideberth.framework.numerics.special import content_bound
+from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.testing.predictor import check_predictor

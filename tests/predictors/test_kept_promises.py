@@ -16,7 +16,7 @@ from wideberth.framework.calibration import Calibration
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
-from wideberth.framework.numerics.special import content_bound
+from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.coverage import Event

@@ -72,6 +72,15 @@ def test_scaled_complementary_error_function() -> None:
     np.testing.assert_allclose(got, special.erfcx(x), rtol=1e-11)
 
 
+def test_coefficients_of_the_scaled_complementary_error_function() -> None:
+    """Those that Chebyshev's nodes give of SciPy's function."""
+    nodes = np.polynomial.chebyshev.chebpts1(len(normal._COEFFICIENTS))
+    x = 3.0 * (1.0 + nodes) / (1.0 - nodes)
+    values = (1.0 + 2.0 * x) * special.erfcx(x)
+    fitted = np.polynomial.chebyshev.chebfit(nodes, values, len(nodes) - 1)
+    np.testing.assert_allclose(normal._COEFFICIENTS, fitted, rtol=0.0, atol=1e-14)
+
+
 @pytest.mark.parametrize("region", [DuToit(), Park(), WhitenedBox(), RiskContour()], ids=repr)
 def test_an_empty_region_forbids_nothing(region: Region) -> None:
     """A small disc in a wide Gaussian: even at the mean the risk is below the one asked for."""

@@ -11,7 +11,7 @@ from wideberth import WideberthError, build
 from wideberth.draw.plans import kept_out
 from wideberth.experiments.cli.app import main
 from wideberth.experiments.report.episode_bag import EPOCH, topic_of, write_episode_bag
-from wideberth.framework.numerics.special import content_bound
+from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.values.motion import Command
 from wideberth.framework.values.plan import Situation
 from wideberth.framework.values.sensing import Scan

@@ -12,7 +12,6 @@ from typing import final
 import numpy as np
 
 from ...control.command_limits import deceleration
-from ...jit.cached_njit import check_numba
 from ...robot import Robot
 from ...values.arrays import Array, positive
 from ...values.forecast import Forecast
@@ -72,7 +71,6 @@ class ExpectedContact:
     room: float = 0.2
 
     def __post_init__(self) -> None:
-        check_numba("expected_contact")
         for name in ("price", "closeness", "room"):
             value = getattr(self, name)
             positive(f"expected_contact.{name}", value, zero=name == "closeness")

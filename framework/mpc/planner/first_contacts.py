@@ -9,7 +9,7 @@ from functools import cache
 from math import sqrt
 from typing import Any
 
-from ...jit.cached_njit import cached_njit
+from ...plugins.njit import cached_njit
 from ...values.arrays import Array
 
 

@@ -8,7 +8,6 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...numerics.special import normal_quantile
 from ...region import Auxiliary, Constraint
 from ...robot import Robot
 from ...static_region import StaticRegion
@@ -164,7 +163,9 @@ def deviations(level: LevelPolicy) -> float:
     either side of the robot's position come near for opposite errors, and the risk of the body
     is at most twice that.
     """
-    return max(-normal_quantile(level.tail), 0.0)
+    from scipy.special import ndtri
+
+    return max(-float(ndtri(level.tail)), 0.0)
 
 
 @final

@@ -1,16 +1,11 @@
 """Compiled code is loaded from where no other user could have put it, and nowhere else."""
 
 import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import platformdirs
 import pytest
-
-from wideberth.framework.jit import cache
-from wideberth.framework.jit.cached_njit import cached_njit
 
 DOUBLE = """define double @double(double %x) {
   %y = fadd double %x, %x
@@ -141,18 +136,6 @@ def test_no_place(again: Again, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     assert "this run only" in line and "set WIDEBERTH_CACHE" in line
 
 
-def test_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("WIDEBERTH_CACHE", "~/own")
-    assert cache.folder() == tmp_path / "own" / "jit"
-    monkeypatch.delenv("WIDEBERTH_CACHE")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache.folder() == tmp_path / "xdg" / "wideberth" / "jit"
-    for none in ("", "relative/cache"):
-        monkeypatch.setenv("XDG_CACHE_HOME", none)
-        assert cache.folder() == tmp_path / ".cache" / "wideberth" / "jit"
-
-
 @pytest.mark.parametrize("part", [".", ".."], ids=["folder", "parent"])
 def test_a_folder_that_is_a_link_is_not_used(
     part: str, again: Again, place: Path, tmp_path: Path
@@ -169,68 +152,3 @@ def test_a_folder_that_is_a_link_is_not_used(
     linked.symlink_to("nowhere")
     (line,) = again(DOUBLE)
     assert "symbolic link" in line and not (tmp_path / "nowhere").exists()
-
-
-def test_each_folder_of_the_cache_is_checked(place: Path) -> None:
-    ros = cache.folder("ros")
-    ros.chmod(0o777)
-    with pytest.raises(PermissionError, match="chmod 700"):
-        cache.folder("ros")
-    assert cache.folder() == place
-
-
-def test_folders_of_code_with_a_link_or_an_open_file_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a").touch(0o644)
-    cache.check_private(tmp_path, tmp_path / "a")
-    (tmp_path / "a").chmod(0o666)
-    (tmp_path / "b").symlink_to("a")
-    for wrong in ("a", "b"):
-        with pytest.raises(PermissionError):
-            cache.check_private(tmp_path, tmp_path / wrong)
-    with pytest.raises(FileNotFoundError):
-        cache.check_private(tmp_path / "c")
-
-
-def twice(x: float) -> float:
-    return 2.0 * x
-
-
-def numba_place(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str | None:
-    from numba.core import config
-
-    monkeypatch.setattr(config, "CACHE_DIR", str(folder))
-    found: str | None = cached_njit([twice])[0].stats.cache_path
-    return found
-
-
-def test_numba_does_not_unpickle_what_others_may_write(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "numba"
-    folder.mkdir(0o700)
-    used = numba_place(folder, monkeypatch)
-    assert used is not None and Path(used).parent == folder
-    file = Path(used) / "x.nbi"
-    file.touch(0o600)
-    assert numba_place(folder, monkeypatch) == used
-    for path, mode in ((folder, 0o777), (Path(used), 0o777), (file, 0o666)):
-        before = path.stat().st_mode
-        path.chmod(mode)
-        assert numba_place(folder, monkeypatch) is None
-        path.chmod(before)
-    assert numba_place(folder, monkeypatch) == used
-
-
-def test_numba_takes_no_cache_from_a_file_of_the_working_folder(tmp_path: Path) -> None:
-    (tmp_path / ".numba_config.yaml").write_text("cache_dir: evil\n")
-    program = (
-        "from wideberth.framework.jit.cached_njit import cached_njit\n"
-        "from wideberth.framework.risk.overlap_tables import normal_below\n"
-        "print(cached_njit([normal_below])[0].stats.cache_path)"
-    )
-    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert "evil" not in done.stdout and not (tmp_path / "evil").exists()

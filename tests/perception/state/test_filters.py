@@ -105,7 +105,7 @@ def test_ekf_equals_filterpy(monkeypatch):
             self.x = np.array(moved(self.x, self.dt))
 
     noise = SETTINGS["small"]
-    monkeypatch.setattr(planar, "_GATE", 0.0)
+    monkeypatch.setattr(planar, "_GATE", 1e-300)
     estimator, samples = made(rest=0.0), wild_samples(np.random.default_rng(1))
     oracle = Planar(9, 1)
     oracle.x, oracle.P = np.zeros(9), started(noise)
@@ -132,7 +132,7 @@ def test_ukf_equals_filterpy(monkeypatch):
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     noise = SETTINGS["small"]
-    monkeypatch.setattr(planar, "_GATE", 0.0)
+    monkeypatch.setattr(planar, "_GATE", 1e-300)
     estimator, samples = made("ukf", rest=0.0), wild_samples(np.random.default_rng(2))
     oracle = UnscentedKalmanFilter(
         9, 4, 0.0, hx=None, fx=lambda x, dt: np.array(moved(x, dt)),
