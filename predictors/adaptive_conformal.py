@@ -421,10 +421,8 @@ def _missed(looks: Stated, truth: Array, tail: float) -> Array:
     else:
         size = truth.shape[1]
         spread = looks.covariance[:, 0] + SMALLEST * np.eye(size)
-        gap = np.einsum(
-            "abr,rb->ar", whitened(spread.transpose(1, 2, 0)), truth - looks.mean[:, 0]
-        )
-        inside = (gap**2).sum(axis=0) <= content_bound(size, tail)
+        gap = np.einsum("rab,rb->ra", whitened(spread), truth - looks.mean[:, 0])
+        inside = (gap**2).sum(axis=1) <= content_bound(size, tail)
     return np.where(inside, 0.0, 1.0)
 
 
