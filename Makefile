@@ -11,12 +11,12 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
 EXTRAS := all bench cluster docs lint physics test
-ROS_EXTRAS := fast maps physics sim studies
+ROS_EXTRAS := physics sim
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
   --no-header -q
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test ros style lint types promise docs bench history acados core fuzz mutants figures wheel pictures notebooks graph lock
+.PHONY: help demo test ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -79,14 +79,6 @@ acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/ac
 	cd .venv/acados && ln -s wheel/acados/install/lib wheel/acados/install/include \
 	  wheel/acados/install/bin . && cd interfaces/acados_template && \
 	  ln -s ../../wheel/acados/acados_template .
-
-core: .venv/zig/ziglang ## compile the solver riccati to the machine code that is shipped
-	PYTHONPATH=$(CURDIR)/.venv/zig $(BIN)/python -m wideberth.framework.jit.interpreter
-	PYTHONPATH=$(CURDIR)/.venv/zig $(BIN)/python -m wideberth.solvers.riccati.emit
-
-# Its linker links for every processor.
-.venv/zig/ziglang: | .venv/ready
-	$(BIN)/uv pip install --python .venv -q --no-deps --target .venv/zig ziglang==0.17.1
 
 fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
 	$(BIN)/python tests/fuzz/fuzz.py --workers $(WORKERS)

@@ -7,7 +7,6 @@ from typing import ClassVar, Literal, Self, final
 
 import numpy as np
 
-from ..framework.plugins.extras import check_extra
 from ..framework.predictor import Filtering, Fittable
 from ..framework.values.arrays import Array, checked_choice, positive
 from ..framework.values.beliefs import Beliefs
@@ -78,8 +77,6 @@ class Kalman(Filtering, Fittable):
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"kalman.{name}", getattr(self, name))
         checked_choice("kalman.backend", self.backend, Literal["batched", "filterpy"])
-        if self.backend == "filterpy":
-            check_extra("filterpy", "oracles", "the backend filterpy needs that library")
 
     def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
         """Return the state of all obstacles; see `Filtering.filtered`."""
