@@ -105,7 +105,8 @@ def moved(modes: ModeStates, step: ModeStep) -> ModeStates:
     copy = ModeStates(*(part.copy() for part in modes))
     lengths = step.transition.shape[-1]
     which = np.arange(count) if lengths > 1 else np.zeros(count, dtype=np.int64)
-    nothing = np.zeros((count, size)), *np.zeros((2, count, size, size))  # W = 0: of no weight
+    noise = np.zeros((count, size, size))
+    nothing = np.zeros((count, size)), noise, noise  # W = 0: of no weight
     first = np.zeros(components - 1), np.zeros(number)
     once = np.ones(count, dtype=np.int64)
     _run(copy, np.zeros((size, count)), once.copy(), np.arange(count + 1), nothing, once, which,
