@@ -121,8 +121,9 @@ DAMAGE = [
 
 
 @pytest.fixture
-def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: Path) -> Path:
+def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the shipped objects, in a process with an empty cache."""
+    monkeypatch.setenv("WIDEBERTH_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "objects"
     shutil.copytree(objects.SHIPPED.folder, folder)
     monkeypatch.setattr(objects, "SHIPPED", replace(objects.SHIPPED, folder=folder))
