@@ -11,7 +11,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
 EXTRAS := all bench cluster docs lint physics test
-ROS_EXTRAS := fast maps physics sim studies
+ROS_EXTRAS := physics sim
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
   --no-header -q
 # Of the extension modules, which an editable install builds beside them.

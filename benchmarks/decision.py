@@ -60,7 +60,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "history onto the grid": ("framework.tracking.history:History.tracks",),
     "filter": ("predictors.core.kalman_filter:filtered",),
     "forecast": (
-        "predictors.core.kalman_filter:Start.of",
+        "predictors.core.kalman_filter:started",
         "predictors.core.kalman_filter:forecast",
     ),
     CALIBRATION: (

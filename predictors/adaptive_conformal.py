@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..framework.values.arrays import (
     Array,
     BoolArray,
     altered,
+    assembled,
     checked,
     positive,
     probability,
@@ -46,36 +47,79 @@ never misses (all people stand still), from which the scale would need long to c
 
 
 @dataclass(frozen=True, eq=False)
-class Pending:
-    """A forecast as it was stated, waiting for the truth.
+class Stated:
+    """What forecasts said of one obstacle at one step, R times, until it is compared with truth.
 
     Attributes
     ----------
-    stamp : s, of the newest sample that it was made from.
-    ids : of the obstacles.
-    kind : (O,), class of each.
-    judged : (O,), steps of each that were compared with the truth, or for which there was none.
-    mean, covariance, weight : as in `Forecast`, covariances as stated, scale and all.
+    row : (R,), of the obstacle in `Online.ids`.
+    time : (R,), s, that the step is about.
+    kind, step : (R,), class and step, from 0.
+    mean, covariance, weight : (R, M, D), (R, M, D, D), (R, M), covariances as stated, scale and
+        all.
     """
 
-    stamp: float
-    ids: tuple[str, ...]
+    row: Any
+    time: Any
     kind: Any
-    judged: Any
+    step: Any
     mean: Any
     covariance: Any
     weight: Any
 
     def __post_init__(self) -> None:
-        for name in ("mean", "covariance", "weight"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
-        for name in ("kind", "judged"):
+        for name in ("row", "kind", "step"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.int64))
+        for name in ("time", "mean", "covariance", "weight"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+
+    @classmethod
+    def of(cls, forecast: Forecast, stamp: float, rows: IntArray, kinds: IntArray) -> "Stated":
+        """Return all steps of a forecast that was made at a time, s, for some rows."""
+        steps, modes, size = forecast.steps, *forecast.mean.shape[1::2]
+        step = np.tile(np.arange(steps), len(rows))
+        return assembled(
+            cls,
+            row=np.repeat(rows, steps),
+            time=stamp + forecast.dt * (step + 1.0),
+            kind=np.repeat(kinds[rows], steps),
+            step=step,
+            mean=forecast.mean[rows].swapaxes(1, 2).reshape(-1, modes, size),
+            covariance=forecast.covariance[rows].swapaxes(1, 2).reshape(-1, modes, size, size),
+            weight=np.repeat(forecast.weight[rows], steps, axis=0),
+        )
+
+    def at(self, index: IntArray) -> "Stated":
+        """Return some of them."""
+        return assembled(Stated, **{name: part[index] for name, part in vars(self).items()})
+
+    def joined(self, other: "Stated") -> "Stated":
+        """Return both; where one has fewer modes, they are filled up with modes of weight 0."""
+        if not len(self.row):
+            return other
+        modes = max(self.weight.shape[1], other.weight.shape[1])
+        mine, more = vars(self._with_modes(modes)), vars(other._with_modes(modes))
+        parts = {name: np.concatenate([mine[name], more[name]]) for name in mine}
+        return assembled(Stated, **parts)
+
+    def _with_modes(self, modes: int) -> "Stated":
+        if self.weight.shape[1] == modes:
+            return self
+        return altered(
+            self,
+            mean=more_modes(self.mean, modes),
+            covariance=more_modes(self.covariance, modes),
+            weight=more_modes(self.weight, modes, True),
+        )
+
+
+NOTHING = Stated(*[()] * 7)
+"""No forecast waits."""
 
 
 @dataclass(frozen=True, eq=False)
 class Online:
-    """State of the online calibration: scales learnt and forecasts pending.
+    """State of the online calibration: scales learnt and forecasts that wait for the truth.
 
     Attributes
     ----------
@@ -83,61 +127,35 @@ class Online:
     dt : s, between the steps.
     log_scale : (C * N,), of the covariance of each step, the slowest class first, and last that
         of those who have just appeared.
-    pending : oldest first; at most one per 0.9 steps of the horizon.
+    stated : s, stamp of the newest sample of the last forecast that was stated; -inf without any.
+    ids : of the obstacles that ``waiting`` is about.
+    waiting : of forecasts that were stated 0.9 steps apart or more.
     """
 
     stamp: float
     dt: float
     log_scale: tuple[float, ...]
-    pending: tuple[Pending, ...] = ()
+    stated: float = -math.inf
+    ids: tuple[str, ...] = ()
+    waiting: Stated = NOTHING
 
     @cached_property
     def scale(self) -> Array:
         """Of the covariance of each step, (C * N,)."""
         return np.exp(self.log_scale)
 
-
-class _Looks(NamedTuple):
-    """Forecasts of one obstacle at one step that have fallen due, R of them.
-
-    Attributes
-    ----------
-    row : (R,), of the obstacle in the tracks. time : (R,), s, when they were due.
-    kind, step : (R,). mean, covariance, weight : as in `Forecast`, without the steps.
-    """
-
-    row: IntArray
-    time: Array
-    kind: IntArray
-    step: IntArray
-    mean: Array
-    covariance: Array
-    weight: Array
-
-    @classmethod
-    def of(
-        cls, looks: Sequence[tuple[Pending, IntArray, IntArray, IntArray]], dt: float
-    ) -> "_Looks":
-        """Put them together: forecasts, rows in the tracks, rows in the forecast, and steps."""
-        row, step = (np.concatenate([look[k] for look in looks]) for k in (1, 3))
-        begin = np.repeat([one.stamp for one, *_ in looks], [len(rows) for _, rows, *_ in looks])
-        kind = np.concatenate([one.kind[index] for one, _, index, _ in looks])
-        parts = [
-            (one.mean[index, :, at], one.covariance[index, :, at], one.weight[index])
-            for one, _, index, at in looks
-        ]
-        modes = max(part[2].shape[1] for part in parts)
-        if modes > 1:
-            parts = [
-                (
-                    more_modes(mean, modes),
-                    more_modes(spread, modes),
-                    more_modes(share, modes, True),
-                )
-                for mean, spread, share in parts
-            ]
-        mean, covariance, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return cls(row, begin + dt * (step + 1), kind, step, mean, covariance, weight)
+    def about(self, ids: tuple[str, ...]) -> "Online":
+        """Return the same with these obstacles first, and behind them others that it waits for."""
+        if ids == self.ids:
+            return self
+        place = {name: row for row, name in enumerate(ids)}
+        for row in np.unique(self.waiting.row).tolist():
+            place.setdefault(self.ids[row], len(place))
+        rows = np.array([place.get(name, -1) for name in self.ids], dtype=np.int64)
+        waiting = self.waiting
+        if len(waiting.row):
+            waiting = altered(waiting, row=rows[waiting.row])
+        return altered(self, ids=tuple(place), waiting=waiting)
 
 
 @final
@@ -326,29 +344,16 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
             base = base.update(tracks, scene)
         state = self._learnt(tracks)
         learnt = altered(self, base=base, state=state)
-        last = state.pending[-1].stamp if state.pending else -np.inf
-        if tracks.stamp - last < EARLY * tracks.dt - resolution(tracks.dt, tracks.stamp):
+        slack = resolution(tracks.dt, tracks.stamp)
+        if tracks.stamp - state.stated < EARLY * tracks.dt - slack:
             return learnt
-        most = math.ceil((self.steps + BRIDGE) / EARLY)
-        pending = (*state.pending, learnt._made(beliefs, tracks, scene))[-most:]
-        return altered(learnt, state=altered(state, pending=pending))
-
-    def _made(self, beliefs: Beliefs, tracks: Tracks, scene: Scene | None) -> Pending:
-        """State a forecast of the obstacles that count."""
-        seen = tracks.lag < tracks.dt - resolution(tracks.dt, tracks.stamp)
+        seen = tracks.lag < tracks.dt - slack
         if self.observed > 1:
             seen &= _in_a_row(tracks, self.observed)
-        index = np.flatnonzero(seen & (tracks.measured.count > 0))
-        forecast, kinds = self._stated(beliefs, tracks, self.steps, scene)
-        return Pending(
-            tracks.stamp,
-            tracks.ids if len(index) == len(tracks) else tuple(tracks.ids[i] for i in index),
-            kinds[index],
-            np.zeros(len(index)),
-            forecast.mean[index],
-            forecast.covariance[index],
-            forecast.weight[index],
-        )
+        rows = np.flatnonzero(seen & (tracks.measured.count > 0))
+        forecast, kinds = learnt._stated(beliefs, tracks, self.steps, scene)
+        waiting = state.waiting.joined(Stated.of(forecast, tracks.stamp, rows, kinds))
+        return altered(learnt, state=altered(state, stated=tracks.stamp, waiting=waiting))
 
     def _learnt(self, tracks: Tracks) -> Online:
         """Return the state after the truth that has come since the last update."""
@@ -360,43 +365,32 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
             or tracks.stamp < state.stamp - slack
             or len(state.log_scale) != self.classes * self.steps
         ):
-            return Online(tracks.stamp, tracks.dt, self.first(tracks.dt))
-        pending, looks = self._due(state, tracks)
-        horizon = tracks.stamp - (self.steps + BRIDGE) * state.dt + slack
-        waiting = tuple(
-            one for one in pending if one.stamp > horizon and (one.judged < self.steps).any()
-        )
+            return Online(tracks.stamp, tracks.dt, self.first(tracks.dt), ids=tracks.ids)
+        state = state.about(tracks.ids)
+        due, rest = self._due(state, tracks)
         log_scale = state.log_scale
-        if looks is not None:
-            log_scale = self._weighed(log_scale, looks, _truth(tracks, looks))
-        return Online(tracks.stamp, state.dt, log_scale, waiting)
+        if len(due.row):
+            log_scale = self._weighed(log_scale, due, _truth(tracks, due))
+        return altered(state, stamp=tracks.stamp, log_scale=log_scale, waiting=rest)
 
-    def _due(self, state: Online, tracks: Tracks) -> tuple[list[Pending], _Looks | None]:
-        """Return the pending forecasts with what is judged now, and what that is."""
-        newest = tracks.measured.newest + (tracks.stamp - tracks.clock)
-        stamps = np.array([one.stamp for one in state.pending])
-        with np.errstate(over="ignore"):  # after leaps of the clock
-            elapsed = (newest - stamps[:, None] + resolution(tracks.dt, tracks.stamp)) / state.dt
-        known = np.minimum(np.maximum(elapsed, 0.0), self.steps).astype(np.int64)
-        place, every = None, np.arange(len(tracks))
-        pending: list[Pending] = []
-        looks: list[tuple[Pending, IntArray, IntArray, IntArray]] = []
-        for one, due in zip(state.pending, known, strict=True):
-            rows = every
-            if one.ids != tracks.ids:
-                place = place or {ident: row for row, ident in enumerate(tracks.ids)}
-                rows = np.array([place.get(ident, -1) for ident in one.ids], dtype=np.int64)
-                due = np.append(due, 0)[rows]
-            judged, index = one.judged, np.flatnonzero(due > one.judged)
-            while index.size:
-                looks.append((one, rows[index], index, judged[index]))
-                judged = np.minimum(judged + 1, np.maximum(due, one.judged))
-                index = np.flatnonzero(due > judged)
-            pending.append(one if judged is one.judged else altered(one, judged=judged))
-        return pending, _Looks.of(looks, state.dt) if looks else None
+    def _due(self, state: Online, tracks: Tracks) -> tuple[Stated, Stated]:
+        """Return the forecasts that are judged now, and those that wait on.
+
+        Judged are those about a time that measurements of their obstacle have reached.
+        """
+        waiting = state.waiting
+        newest = np.full(len(state.ids), -np.inf)
+        newest[: len(tracks)] = tracks.measured.newest + (tracks.stamp - tracks.clock)
+        slack = resolution(tracks.dt, tracks.stamp)
+        if not len(waiting.row):
+            return NOTHING, NOTHING
+        known = waiting.time <= newest[waiting.row] + slack
+        begin = waiting.time - state.dt * (waiting.step + 1.0)
+        lately = begin > tracks.stamp - (self.steps + BRIDGE) * state.dt + slack
+        return waiting.at(np.flatnonzero(known)), waiting.at(np.flatnonzero(lately & ~known))
 
     def _weighed(
-        self, log_scale: tuple[float, ...], looks: _Looks, truth: Array
+        self, log_scale: tuple[float, ...], looks: Stated, truth: Array
     ) -> tuple[float, ...]:
         """Return the scales after forecasts met the truth, (R, D), NaN where it is unknown."""
         known = np.isfinite(truth).all(axis=1)
@@ -419,7 +413,7 @@ class AdaptiveConformal(Wrapping, AdaptiveFiltering, Fittable):
         return tuple(np.concatenate(rows).tolist())
 
 
-def _missed(looks: _Looks, truth: Array, tail: float) -> Array:
+def _missed(looks: Stated, truth: Array, tail: float) -> Array:
     """Return 1 where the truth, (R, D), lay outside of the region that was stated, else 0."""
     if looks.mean.shape[1] > 1:
         mean, covariance = looks.mean[:, :, None], looks.covariance[:, :, None]
@@ -427,14 +421,12 @@ def _missed(looks: _Looks, truth: Array, tail: float) -> Array:
     else:
         size = truth.shape[1]
         spread = looks.covariance[:, 0] + SMALLEST * np.eye(size)
-        gap = np.einsum(
-            "abr,rb->ar", whitened(spread.transpose(1, 2, 0)), truth - looks.mean[:, 0]
-        )
-        inside = (gap**2).sum(axis=0) <= content_bound(size, tail)
+        gap = np.einsum("rab,rb->ra", whitened(spread), truth - looks.mean[:, 0])
+        inside = (gap**2).sum(axis=1) <= content_bound(size, tail)
     return np.where(inside, 0.0, 1.0)
 
 
-def _truth(tracks: Tracks, looks: _Looks) -> Array:
+def _truth(tracks: Tracks, looks: Stated) -> Array:
     """Where obstacles were when forecasts of them were due, (R, D), m; NaN where unknown."""
     measured, slack = tracks.measured, resolution(tracks.dt, tracks.stamp)
     time = looks.time + (tracks.clock - tracks.stamp)

@@ -12,7 +12,7 @@ from ..framework.values.arrays import Array, positive
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
-from .core.kalman_filter import ModeStep, Motion, filtered, forecast_ahead
+from .core.kalman_filter import ModeStep, Motion, filtered, forecast, started
 from .core.pattern_search import fit_numbers
 
 SCALED = ({"acceleration": 1.0, "noise_floor": 1.0},)
@@ -80,7 +80,7 @@ class ConstantAcceleration(Filtering, Fittable):
         self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
     ) -> Forecast:
         """Forecast all obstacles; see `Filtering.ahead`."""
-        return forecast_ahead(beliefs, tracks, self._motion, steps, "constant_acceleration")
+        return forecast(started(beliefs, tracks, self._motion), steps, "constant_acceleration")
 
     @cached_property
     def _motion(self) -> "DecayingAcceleration":

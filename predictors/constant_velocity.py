@@ -76,9 +76,10 @@ class ConstantVelocity(Predictor):
         blocks = covariance.reshape(count, 2, size, 2, size).transpose(1, 2, 3, 4, 0)
         weight = np.ones((1, count))
         modes = ModeStates(weight, state.transpose(0, 2, 1)[:, :, None], blocks[..., None, :])
-        start = Start(modes, past.origin.T, past.late, np.asarray(past.samples == 0))
         motion = DriftingVelocity(self.acceleration_density, self.speed)
-        own = forecast(start, motion, tracks, steps, "constant_velocity")
+        unseen = np.asarray(past.samples == 0)
+        start = Start(modes, past.origin.T, past.late, unseen, motion, tracks.dt)
+        own = forecast(start, steps, "constant_velocity")
         if tracks.velocity is not None:
             return own
         single = "constant_velocity: 1 sample, needs 2"

@@ -22,7 +22,8 @@ from ..framework.values.tracks import ON_GRID, Tracks
 from .constant_acceleration import singer
 from .core.assembly import Gaussians, with_fallback
 from .core.history import floored
-from .core.kalman_filter import PAUSE, in_steps, rounds
+from .core.kalman_filter import PAUSE
+from .core.measurement_rounds import in_steps, rounds
 from .core.propagation import white_steps
 from .kalman import Kalman
 

@@ -11,16 +11,18 @@ from typing import ClassVar, Literal, Self, final
 import numpy as np
 
 from ..framework.predictor import Filtering, Fittable
-from ..framework.values.arrays import Array, BoolArray, checked_choice, positive, probability
+from ..framework.values.arrays import Array, checked_choice, positive, probability
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .constant_acceleration import singer
-from .core.kalman_filter import ModeStep, Motion, Start, filtered, forecast
+from .core.kalman_filter import ModeStep, Motion, filtered, forecast, started
 from .core.pattern_search import fit_numbers
 from .core.propagation import white_steps
 
 MODES = ("steady", "manoeuvring", "stopping")
+TRUSTED = 1
+"""Measurements up to which a tracker's numbers are taken: a filter begins with them."""
 
 SCALED = ({"steady": 1.0, "manoeuvring": 1.0, "standing": 0.5, "noise_floor": 0.5},)
 """What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
@@ -116,11 +118,9 @@ class InteractingModels(Filtering, Fittable):
         self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
     ) -> Forecast:
         """Forecast all obstacles; see `Filtering.ahead`."""
-        tracked = None if tracks.velocity is None else np.asarray(beliefs.count == 1)
         if self.modes == "kept":
-            return self._kept(beliefs, tracks, steps, tracked)
-        start = Start.of(beliefs, tracks, self._motion, tracked)
-        return forecast(start, self._motion, tracks, steps, "imm")
+            return self._kept(beliefs, tracks, steps)
+        return forecast(started(beliefs, tracks, self._motion, TRUSTED), steps, "imm")
 
     @cached_property
     def _motion(self) -> "SwitchingMotion":
@@ -132,9 +132,7 @@ class InteractingModels(Filtering, Fittable):
             self.speed,
         )
 
-    def _kept(
-        self, beliefs: Beliefs, tracks: Tracks, steps: int, tracked: BoolArray | None
-    ) -> Forecast:
+    def _kept(self, beliefs: Beliefs, tracks: Tracks, steps: int) -> Forecast:
         """One mode per model, without switches ahead."""
         weight, state, covariance, origin = beliefs.values
         each = []
@@ -142,8 +140,8 @@ class InteractingModels(Filtering, Fittable):
             parts = np.ones_like(weight), state, covariance
             values = tuple(part[..., [mode], :] for part in parts)
             motion = KeptModel(self._motion, mode)
-            start = Start.of(replace(beliefs, values=(*values, origin)), tracks, motion, tracked)
-            each.append(forecast(start, motion, tracks, steps, "imm"))
+            start = started(replace(beliefs, values=(*values, origin)), tracks, motion, TRUSTED)
+            each.append(forecast(start, steps, "imm"))
         return Forecast(
             np.concatenate([one.mean for one in each], axis=1),
             np.concatenate([one.covariance for one in each], axis=1),

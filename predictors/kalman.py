@@ -7,14 +7,13 @@ from typing import ClassVar, Literal, Self, final
 
 import numpy as np
 
-from ..framework.plugins.extras import check_extra
 from ..framework.predictor import Filtering, Fittable
 from ..framework.values.arrays import Array, checked_choice, positive
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.history import floored
-from .core.kalman_filter import PAUSE, ModeStep, Motion, filtered, forecast_ahead
+from .core.kalman_filter import PAUSE, ModeStep, Motion, filtered, forecast, started
 from .core.pattern_search import fit_numbers
 from .core.propagation import white_steps
 
@@ -78,8 +77,6 @@ class Kalman(Filtering, Fittable):
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"kalman.{name}", getattr(self, name))
         checked_choice("kalman.backend", self.backend, Literal["batched", "filterpy"])
-        if self.backend == "filterpy":
-            check_extra("filterpy", "oracles", "the backend filterpy needs that library")
 
     def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
         """Return the state of all obstacles; see `Filtering.filtered`."""
@@ -91,7 +88,7 @@ class Kalman(Filtering, Fittable):
         self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
     ) -> Forecast:
         """Forecast all obstacles; see `Filtering.ahead`."""
-        return forecast_ahead(beliefs, tracks, self._motion, steps, "kalman")
+        return forecast(started(beliefs, tracks, self._motion), steps, "kalman")
 
     @cached_property
     def _motion(self) -> "DriftingVelocity":
@@ -148,7 +145,9 @@ def filter_one_by_one(tracks: Tracks, motion: Motion, floor: float) -> Beliefs:
         engine.P[:size, :size] = floored(noise[first], floor)
         for k in range(first + 1, len(times)):
             step = motion.step(times[k : k + 1] - times[k - 1])
-            engine.F, engine.Q = (np.kron(part[:, :, 0, 0], np.eye(size)) for part in step[:2])
+            engine.F, engine.Q = (
+                np.kron(part[:, :, 0, 0], np.eye(size)).astype(np.float64) for part in step[:2]
+            )
             engine.predict()
             engine.update(places[k] - places[first], R=floored(noise[k], floor))
         state[..., 0, i] = engine.x.reshape(body)

@@ -161,7 +161,7 @@ NOISE_FLOOR = 0.005
 
 
 def _usual_models() -> tuple[PersonModel, ...]:
-    """Return the kinds of people that simulations have; ORCA's need Numba."""
+    """Return the kinds of people that simulations have; ORCA's are compiled by Numba."""
     return Straight(), CircularForce(), Reciprocal()
 
 

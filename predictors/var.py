@@ -6,7 +6,6 @@ from typing import ClassVar, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..framework.plugins.extras import check_extra
 from ..framework.predictor import Predictor
 from ..framework.values.arrays import Array, BoolArray, checked_choice, positive, whole
 from ..framework.values.forecast import Forecast, Scene
@@ -178,8 +177,6 @@ class VectorAutoregression(Predictor):
         checked_choice("var.covariance", self.covariance, Covariance)
         checked_choice("var.integration", self.integration, Integration)
         checked_choice("var.backend", self.backend, Literal["batched", "statsmodels"])
-        if self.backend == "statsmodels":
-            check_extra("statsmodels", "oracles", "the backend statsmodels needs that library")
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""

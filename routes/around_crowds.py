@@ -20,7 +20,6 @@ from ..framework.controller import (
     own_copy,
     usable,
 )
-from ..framework.plugins.extras import check_extra
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import Array, positive
@@ -271,7 +270,6 @@ class AroundCrowds(Controller):
     _memory: _Memory = field(init=False, repr=False, default_factory=_Memory)
 
     def __post_init__(self) -> None:
-        check_extra("shapely", "maps", "around_crowds needs shapely")
         own = own_copy(self.controller, "around_crowds.controller")
         if self.robot.dimension != 2:
             raise WideberthError(

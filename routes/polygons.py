@@ -6,7 +6,6 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from ..framework.plugins.extras import from_extra
 from ..framework.values.arrays import Array, BoolArray, positive, whole
 from ..framework.values.occupancy_grid import (
     FREE_CELL,
@@ -90,7 +89,8 @@ def grid_of_polygons(
     >>> grid.cells[:2].tolist()
     [[100, 100, 0, 0, 0, 0, 0], [100, 100, 0, 0, 0, 0, 0]]
     """
-    shapely = from_extra("shapely", "maps", "a map of polygons needs shapely")
+    import shapely
+
     points = np.concatenate([places, *(one.points for one in polygons)])
     low = points.min(axis=0) - beyond
     height, width = np.ceil((points.max(axis=0) + beyond - low) / resolution)[::-1]
@@ -119,7 +119,8 @@ def outlines(occupied: BoolArray) -> list[list[Array]]:
     groups : of each the corners (V, 2) of its outer ring, counter-clockwise, and of its holes,
         clockwise; none on a straight line.
     """
-    shapely = from_extra("shapely", "maps", "outlines of a map need shapely")
+    import shapely
+
     rows = np.pad(occupied.astype(np.int8), ((0, 0), (1, 1)))
     turns = np.diff(rows, axis=1)
     row, begin = np.nonzero(turns == 1)

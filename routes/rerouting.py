@@ -9,7 +9,6 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..framework.plugins.extras import check_extra
 from ..framework.route_planner import Route, RoutePlanner
 from ..framework.values.arrays import Array, checked, checked_rows, number, positive
 from ..framework.values.costmap import INSCRIBED, LETHAL, Costmap
@@ -98,7 +97,6 @@ class Rerouting:
     _tried: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_extra("shapely", "maps", "rerouting needs shapely")
         for name in ("radius", "resolution", "patience"):
             positive(f"rerouting.{name}", getattr(self, name))
         if not self.clearances or not all(

@@ -11,7 +11,7 @@ from typing import Any
 from .repository import addresses
 
 DOCS = Path(__file__).resolve().parents[1]
-INSTALLATION = "%pip install -q 'wideberth[studies]'"
+INSTALLATION = "%pip install -q wideberth"
 """The first cell of a notebook, for a machine that has none of it."""
 COLAB = "https://colab.research.google.com/github"
 NOTE = re.compile(

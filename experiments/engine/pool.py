@@ -14,9 +14,8 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
-from ...framework.plugins.extras import from_extra
 from ...framework.values.errors import WideberthError
 from . import thread_limits
 from .base import Task, TaskOutcome
@@ -61,19 +60,6 @@ class Pool(Protocol):
 
     def close(self) -> None:
         """Stop the work that is left and let go of the workers."""
-
-
-def need_workers() -> Any:
-    """Return loky.
-
-    Raises
-    ------
-    WideberthError : it or cloudpickle is not installed.
-    """
-    alone = "or leave --workers out: one worker needs nothing more"
-    for library in ("cloudpickle", "loky"):
-        found = from_extra(library, "studies", f"several workers need {library}", alone)
-    return found
 
 
 def sweep(pool: Pool, tasks: Mapping[str, Task], keep: Callable[[str, TaskOutcome], None]) -> None:
@@ -165,14 +151,15 @@ class LocalPool:
 
 def _worker() -> "ProcessPoolExecutor":
     """Return a pool of one process, which starts with its first task."""
-    executor: ProcessPoolExecutor = need_workers().ProcessPoolExecutor(
+    from loky import ProcessPoolExecutor
+
+    return ProcessPoolExecutor(
         1,
         timeout=None,
         env=dict.fromkeys(thread_limits.WORKER, "1") | {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e15"},
         initializer=_begin,
         initargs=(os.getpid(),),
     )
-    return executor
 
 
 def _begin(driver: int) -> None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from ...framework.plugins.extras import from_extra
 from ...framework.plugins.io import read_bytes
 from ...framework.plugins.registry import unknown
 from ...framework.plugins.yamlfile import read_config
@@ -196,14 +195,7 @@ def listed(names: Iterable[str], most: int = 8) -> str:
     return ", ".join(names[:most]) + more or "none"
 
 
-def need_frames() -> None:
-    """Raise a `WideberthError` where the extra for data frames is missing."""
-    otherwise = "without it, `rows` of a result holds its table as dictionaries"
-    from_extra("pandas", "studies", "data frames need pandas", otherwise)
-
-
 def _read_frame(path: Path) -> "pandas.DataFrame":
-    need_frames()
     import pandas
 
     return pandas.DataFrame(read_table(path))

@@ -26,7 +26,7 @@ from .csv_tables import read_rows, table_text, write_table
 from .errors import as_user_error, describe_error
 from .extract import markdown_text, of_rows
 from .inside import inside
-from .pool import LocalPool, Pool, need_workers, sweep
+from .pool import LocalPool, Pool, sweep
 from .progress import progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
 from .result import check_finished
@@ -97,9 +97,9 @@ def run(
     ------
     WideberthError : before any work if it is no experiment, if the folder holds anything else,
         another config or a result of other source code, or cannot be written, or another run is
-        at work there, the scheduler does not answer, what several workers need is not installed,
-        the tasks are not valid, or `check` refuses; later if a task refuses its input,
-        ends its workers, or the disk is full. Finished tasks are kept.
+        at work there, the scheduler does not answer, the tasks are not valid, or `check` refuses;
+        later if a task refuses its input, ends its workers, or the disk is full. Finished tasks
+        are kept.
     KeyboardInterrupt : with a message that says how to resume; finished tasks are kept.
     """
     if workers < 1:
@@ -108,8 +108,6 @@ def run(
         raise WideberthError(
             f"workers is {workers}, and a scheduler has its own; give one of them"
         )
-    if workers > 1:
-        need_workers()
     out = expanded(out)
     check_folder(out)
     with as_user_error():

@@ -21,7 +21,6 @@ from typing import Any
 
 from ...framework.control.rate_limited_warnings import quiet
 from ...framework.plugins.config import import_plugins
-from ...framework.plugins.extras import from_extra
 from ...framework.values.errors import WideberthError
 from ...framework.values.failures import reporting
 from . import thread_limits
@@ -49,8 +48,9 @@ class Job:
 
 def pack_job(experiment: Experiment, plugins: Sequence[str]) -> bytes:
     """Return a `Job` as bytes; classes of a script travel by value, those of modules by name."""
-    library = from_extra("cloudpickle", "studies", "workers need cloudpickle")
-    packed = library.dumps(experiment)
+    import cloudpickle
+
+    packed = cloudpickle.dumps(experiment)
     return pickle.dumps(Job(packed, tuple(plugins), environment(experiment, plugins)))
 
 

@@ -23,7 +23,7 @@ from ..engine.inside import files_inside, inside
 from ..engine.result import condense_times
 from ..engine.runner import draw, reopened
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
-from .page import MARK, PLAYER, data_uri, need_templates, page, rendered
+from .page import MARK, PLAYER, data_uri, page, rendered
 from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail
 from .tables import flagged, html_table, in_unit, leading, shown, titled
 
@@ -139,10 +139,9 @@ def report(folders: Sequence[Path], out: Path) -> tuple[Path, Path]:
     Raises
     ------
     WideberthError : no folder, one without a result or with an unfinished one, a file of
-        another ending than .html, one that cannot be written; before any work Jinja2 that is
-        missing, and a file of either name that is no report.
+        another ending than .html, one that cannot be written; before any work a file of either
+        name that is no report.
     """
-    need_templates()
     if out.suffix != ".html":
         raise WideberthError(f"{out} must end in .html; the Markdown is written beside it")
     check_target(out, MARK)

@@ -8,8 +8,6 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from ...framework.plugins.extras import from_extra
-
 if TYPE_CHECKING:
     from jinja2 import Environment
 
@@ -68,17 +66,6 @@ def escaped(text: object) -> str:
     return str(text).translate(_ESCAPES)
 
 
-def need_templates() -> Any:
-    """Return Jinja2.
-
-    Raises
-    ------
-    WideberthError : it is not installed.
-    """
-    otherwise = "without it, `wideberth show` prints the tables and `wideberth play` the episodes"
-    return from_extra("jinja2", "studies", "a report as HTML needs Jinja2", otherwise)
-
-
 def rendered(name: str, **values: Any) -> str:
     """Return a template of Jinja2 in templates/ as HTML; text in it is escaped."""
     return _environment().get_template(name).render(values)
@@ -86,7 +73,8 @@ def rendered(name: str, **values: Any) -> str:
 
 @cache
 def _environment() -> "Environment":
-    jinja2 = need_templates()
+    import jinja2
+
     made: Environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,

@@ -15,7 +15,6 @@ from ...controllers.sampled_paths import SampledController
 from ...framework import Controller, WideberthError
 from ...framework.controller import fresh
 from ...framework.mpc.planner.planner import Planner
-from ...framework.plugins.extras import check_extra
 from ...framework.plugins.io import expanded
 from ...framework.predictor import Fittable
 from ...framework.tracking.recordings import read_tracks
@@ -164,7 +163,6 @@ class ConformalTable(GridStudy):
     every: int = 0
 
     def __post_init__(self) -> None:
-        check_extra("scipy", "studies", "conformal_table needs SciPy")
         whole("every", self.every, least=0)
         if self.ours not in self.contenders:
             raise WideberthError(

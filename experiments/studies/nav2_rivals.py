@@ -12,7 +12,6 @@ from ...controllers.withdrawing import Withdrawing
 from ...framework import Controller, Predictor, Robot, WideberthError
 from ...framework.controller import driving, fresh
 from ...framework.mpc.planner.planner import Planner
-from ...framework.plugins.extras import check_extra
 from ...framework.values.arrays import positive
 from ...metrics.statistics import known_mean, mcnemar
 from ...nav2.controllers.local_controllers import shipped_parameters
@@ -150,7 +149,6 @@ class Nav2Rivals(SeededStudy):
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
-        check_extra("scipy", "studies", "nav2_rivals needs SciPy")
         pairs = [
             (f"partners.{one}", name)
             for one, both in self.partners.items()

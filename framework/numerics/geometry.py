@@ -120,7 +120,8 @@ def perimeter(axes: Array) -> Array:
     from scipy.special import elliprg
 
     squares = np.asarray(axes, dtype=np.float64) ** 2
-    return np.asarray(8.0 * elliprg(0.0, squares[..., 0], squares[..., 1]))
+    perimeter = 8.0 * elliprg(0.0, squares[..., 0], squares[..., 1])
+    return np.asarray(perimeter, dtype=np.float64)
 
 
 def surface(axes: Array) -> Array:

@@ -58,7 +58,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     import numba
 
     try:
-        compiled = numba.njit(cache=True, error_model="numpy")(function)
+        compiled: Any = numba.njit(cache=True, error_model="numpy")(function)
         place = Path(compiled.stats.cache_path)
         if place.parent != Path(function.__code__.co_filename).parent and place.exists():
             check_private(place.parent, place, *place.iterdir())
@@ -72,7 +72,7 @@ def _announce_compilation() -> None:
     """Print a line when Numba begins to compile the functions of a module."""
     from numba.core import event
 
-    class Announcement(event.Listener):  # type: ignore[misc]
+    class Announcement(event.Listener):
         def on_start(self, event: Any) -> None:
             module = event.data["dispatcher"].py_func.__module__
             if module in _UNANNOUNCED:
@@ -82,4 +82,4 @@ def _announce_compilation() -> None:
 
         def on_end(self, event: Any) -> None: ...
 
-    event.register("numba:compile", Announcement())
+    event.register("numba:compile", Announcement())  # type: ignore[no-untyped-call]

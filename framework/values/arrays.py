@@ -252,7 +252,7 @@ def _number(value: Any) -> float:
     return float(value)
 
 
-def assembled(kind: type[T], **values: Any) -> T:
+def assembled(kind: type[T], /, **values: Any) -> T:
     """Return a value of parts that hold what its constructor would check, without these checks.
 
     For what the package makes of values that were checked when they came in. Arrays become

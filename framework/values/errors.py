@@ -99,7 +99,7 @@ def installation(*extras: str) -> str:
 
     Examples
     --------
-    >>> installation("fast", "maps")
-    "pip install 'wideberth[fast,maps]'"
+    >>> installation("physics", "sim")
+    "pip install 'wideberth[physics,sim]'"
     """
     return f"pip install 'wideberth[{','.join(extras)}]'"

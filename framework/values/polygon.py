@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import FARTHEST, Array, checked, settle, whole
-from .errors import WideberthError, missing
+from .errors import WideberthError
 
 MOST_CORNERS = 16
 """Vertices of the largest convex part that the MPC has room for."""
@@ -290,21 +290,13 @@ def _check_simple(label: str, points: Array) -> None:
         )
     if _turns_once(points):
         return
-    shapely = need_shapely(f"{label} are not convex, which needs shapely")
+    import shapely
+
     if not shapely.is_valid(outline := shapely.Polygon(points)):
         raise WideberthError(
             f"{label} cross or touch themselves ({shapely.is_valid_reason(outline)}); wanted a "
             "simple polygon: reorder the vertices or give two polygons"
         )
-
-
-def need_shapely(need: str) -> Any:
-    """Return shapely; raises a `WideberthError`, as `plugins.extras.from_extra` does."""
-    try:
-        import shapely
-    except ImportError as error:
-        raise missing("maps", need, error) from error
-    return shapely
 
 
 def _turns_once(points: Array) -> bool:
@@ -434,7 +426,8 @@ def _halved(ring: Ring, corners: int) -> list[Ring]:
 
 def _triangles(points: Array, rings: Sequence[Array]) -> list[Ring]:
     """Constrained Delaunay triangles as counter-clockwise indices of the points of all rings."""
-    shapely = need_shapely("to cut a polygon that is not convex needs shapely")
+    import shapely
+
     index = {(float(x), float(y)): place for place, (x, y) in enumerate(points)}
     found = shapely.constrained_delaunay_triangles(shapely.Polygon(rings[0], rings[1:])).geoms
     triangles = []

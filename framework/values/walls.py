@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from .arrays import Array, checked, checked_rows, positive
 from .errors import WideberthError
-from .polygon import MOST_CORNERS, THIN, Polygon, convex_parts, need_shapely, width_across
+from .polygon import MOST_CORNERS, THIN, Polygon, convex_parts, width_across
 
 STRAIGHT = 1e-6
 """m, by which segments that are joined may lie beside one line, or apart on it."""
@@ -103,7 +103,8 @@ def walls_of_shapes(shapes: Any, width: float = 0.02) -> tuple[Polygon, ...]:
     >>> sum(shapely.Polygon(wall.vertices).area for wall in walls_of_shapes(yard))
     32.0
     """
-    shapely = need_shapely("shapes as walls need shapely")
+    import shapely
+
     parts: list[Array] = []
     lines: list[Array] = []
     for shape in shapely.get_parts(shapely.get_parts(np.atleast_1d(shapes))):

@@ -9,7 +9,6 @@ import numpy as np
 
 from ...framework.detector import Detector
 from ...framework.plugins.config import build
-from ...framework.plugins.extras import check_extra
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon
@@ -45,7 +44,6 @@ class OutsideMap(Detector):
     polygons: tuple[Polygon, ...] = ()
 
     def __post_init__(self) -> None:
-        check_extra("shapely", "maps", "outside_map needs shapely")
         self.polygons = _all_polygons(self.polygons)
 
     def reset(self) -> None:

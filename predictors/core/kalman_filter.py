@@ -8,9 +8,8 @@ sums over few components then run along memory.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,14 +17,13 @@ import numpy as np
 from ...framework.values.arrays import Array, BoolArray, assembled
 from ...framework.values.beliefs import Beliefs
 from ...framework.values.forecast import Forecast
-from ...framework.values.measurements import IntArray, Measurements
+from ...framework.values.measurements import IntArray
 from ...framework.values.tracks import ON_GRID, Tracks
 from .assembly import NEVER_SEEN_SPREAD
+from .filter_loop import compiled
 from .history import LONGEST_GAP, floored, gather
 from .propagation import after, cut_steps
 
-FAINTEST = -690.0
-"""Least logarithm of a mode's probability over that of the likeliest one: 1e-300."""
 BLOCK = 32
 """Steps by which kept tables differ in length: from call to call more or fewer are asked for."""
 MOST_STEPS = 200
@@ -65,6 +63,11 @@ class Motion(ABC):
         """Probability of each mode in the long run, (M,); here of a single mode."""
         return (1.0,)
 
+    @cached_property
+    def first(self) -> tuple[Array, Array]:
+        """Variances at the first measurement and probabilities of the modes, as arrays."""
+        return np.array(self.start), np.array(self.usual)
+
 
 class ModeStates(NamedTuple):
     """State of each obstacle under each mode, relative to an origin of its own.
@@ -96,186 +99,58 @@ class ModeStates(NamedTuple):
         return copy
 
 
-def mixed(modes: ModeStates, switching: Array) -> ModeStates:
-    """Return the modes just before the next step, by the mode that will be in force.
-
-    c_j = sum_i pi_ij mu_i,   omega_ij = pi_ij mu_i / c_j,
-    x_0j = sum_i omega_ij x_i,   P_0j = sum_i omega_ij (P_i + (x_i - x_0j)(x_i - x_0j)')
-    """
-    if len(modes.weight) == 1:
-        return modes
-    share = switching * modes.weight[:, None]
-    weight = share.sum(axis=0)
-    share /= weight
-    state = np.einsum("ijo,sdio->sdjo", share, modes.state)
-    gap = modes.state[:, :, :, None] - state[:, :, None]
-    covariance = np.einsum("ijo,sdteio->sdtejo", share, modes.covariance)
-    covariance += np.einsum("sdijo,teijo->sdtejo", share * gap, gap)
-    return ModeStates(weight, state, covariance)
-
-
 def moved(modes: ModeStates, step: ModeStep) -> ModeStates:
     """Return the modes one step on: mixed, then predicted by each mode, f x and f P f' + q."""
-    weight, state, covariance = mixed(modes, step.switching)
-    f = step.transition
-    ahead = np.einsum("abmo,bdmo->admo", f, state)
-    half = np.einsum("abmo,bdtemo->adtemo", f, covariance)
-    spread = np.einsum("adtemo,btmo->adbemo", half, f)
-    for axis in range(state.shape[1]):
-        spread[:, axis, :, axis] += step.process
-    return ModeStates(weight, ahead, spread)
+    components, size, number, count = modes.state.shape
+    copy = ModeStates(*(part.copy() for part in modes))
+    lengths = step.transition.shape[-1]
+    which = np.arange(count) if lengths > 1 else np.zeros(count, dtype=np.int64)
+    noise = np.zeros((count, size, size))
+    nothing = np.zeros((count, size)), noise, noise  # W = 0: of no weight
+    first = np.zeros(components - 1), np.zeros(number)
+    once = np.ones(count, dtype=np.int64)
+    _run(copy, np.zeros((size, count)), once.copy(), np.arange(count + 1), nothing, once, which,
+         step, first)  # fmt: skip
+    return copy
 
 
-def updated(modes: ModeStates, place: Array, whitening: Array) -> ModeStates:
-    """Return the modes after one measured position, mu_j = c_j Lambda_j / sum of them.
-
-    With W' W = R^-1 the D numbers W z have independent errors of variance 1, and are taken one
-    after the other, h = a row of W:
-
-    K = P h / S,  S = h' P h + 1,  P+ = (I - K h') P (I - K h')' + K K'
-
-    (Joseph's form: it stays positive semi-definite but for rounding; after jumps of 1e9 m that
-    is larger than 1, so that h' P h is cut at 0.)
-
-    Parameters
-    ----------
-    place : (D, O), m, relative to the origins.
-    whitening : (D, D, O), W, lower triangular, 1/m.
-    """
-    state, covariance = modes.state, modes.covariance
-    evidence = np.zeros(modes.weight.shape)
-    for row, measured in zip(whitening, np.einsum("abo,bo->ao", whitening, place), strict=True):
-        h = row[:, None]
-        column = (covariance[:, :, 0] * h).sum(axis=2)
-        total = np.maximum((column[0] * h).sum(axis=0), 0.0) + 1.0
-        gain = column / total
-        gap = measured - (state[0] * h).sum(axis=0)
-        state = state + gain * gap
-        kept = covariance - gain[:, :, None, None] * column
-        rest = (kept[:, :, 0] * h).sum(axis=2) - gain
-        covariance = kept - rest[:, :, None, None] * gain
-        evidence -= 0.5 * (np.log(total) + gap**2 / total)
-    if len(evidence) == 1:
-        return ModeStates(modes.weight, state, covariance)
-    # No mode becomes impossible: one that weighs nothing at all could never come back, and
-    # after steps much longer than the dwell time nothing would lead to the others.
-    logarithm = np.log(modes.weight) + evidence
-    weight = np.exp(np.maximum(logarithm - logarithm.max(axis=0), FAINTEST))
-    return ModeStates(weight / weight.sum(axis=0), state, covariance)
+def _run(
+    modes: ModeStates,
+    origin: Array,
+    count: IntArray,
+    begins: IntArray,
+    measured: tuple[Array, Array, Array],
+    number: IntArray,
+    which: IntArray,
+    step: ModeStep,
+    first: tuple[Array, Array],
+) -> None:
+    """Filter in place, see `filter_each`."""
+    components, size, modes_, obstacles = modes.state.shape
+    state = modes.state.reshape(components * size, modes_, obstacles)
+    covariance = modes.covariance.reshape(*[components * size] * 2, modes_, obstacles)
+    flat = modes.weight, state, covariance
+    compiled()[0](begins, measured, number, which, tuple(step), first, flat, origin, count)
 
 
 def whitened(noise: Array) -> Array:
-    """Return W, lower triangular, with W' W = R^-1, (D, D, O), for positive definite R."""
-    size = len(noise)
-    root, inverse = np.zeros_like(noise), np.zeros_like(noise)
-    for j in range(size):
-        rest = noise[j:, j] - (root[j:, :j] * root[j, :j]).sum(axis=1)
-        root[j:, j] = rest / np.sqrt(rest[0])
-    for j in range(size):
-        inverse[j, j] = 1.0 / root[j, j]
-        for i in range(j + 1, size):
-            inverse[i, j] = -(root[i, j:i] * inverse[j:i, j]).sum(axis=0) / root[i, i]
-    return inverse
-
-
-def _whitening(noise: Array, floor: float) -> Array:
-    """Return W, (D, D, O), of floored covariances (O, D, D); one where all are the same."""
-    if (noise == noise[0]).all():
-        return _same_whitening(noise[0].tobytes(), noise.shape[1], floor)
-    return whitened(floored(noise, floor).transpose(1, 2, 0))
-
-
-@lru_cache(maxsize=64)
-def _same_whitening(noise: bytes, size: int, floor: float) -> Array:
-    return whitened(floored(np.frombuffer(noise).reshape(size, size), floor)[..., None])
-
-
-class Round(NamedTuple):
-    """The next measurement of each obstacle that has one.
-
-    Attributes
-    ----------
-    rows : (R,), of the obstacles, increasing.
-    time : (R,), s, of the measurements.
-    lag : (R,), s, since the last one of the same obstacle; inf where the filter begins with it.
-    place : (R, D), m. noise : (R, D, D), m^2.
-    """
-
-    rows: IntArray
-    time: Array
-    lag: Array
-    place: Array
-    noise: Array
-
-    def where(self, chosen: BoolArray) -> "Round":
-        """Return the measurements where a mask (R,) is True."""
-        if chosen.all():
-            return self
-        numbers = self.time, self.lag, self.place, self.noise
-        return Round(self.rows[chosen], *(part[chosen] for part in numbers))
-
-
-def rounds(
-    sightings: Measurements, first: IntArray, newest: Array, pause: float
-) -> Iterator[Round]:
-    """Deal out the measurements that were not used yet, the oldest of each obstacle first.
-
-    Parameters
-    ----------
-    sightings : of all obstacles.
-    first : (O,), index of the first one of each that was not used.
-    newest : (O,), s, time of the newest one that was; -inf without any.
-    pause : s; after a longer one a filter begins anew.
-    """
-    number = sightings.count - first
-    rows = np.flatnonzero(number)
-    if not rows.size:
-        return
-    begins = list(zip(rows.tolist(), first[rows].tolist(), strict=True))
-    times = np.concatenate([sightings.times[row][begin:] for row, begin in begins])
-    values = np.concatenate([sightings.values[row][begin:] for row, begin in begins])
-    size = sightings.size
-    places, noise = values[:, :size], values[:, size:].reshape(-1, size, size)
-    number, last = number[rows], newest[rows]
-    index = np.cumsum(number) - number
-    for _ in range(int(number.max())):
-        time = times[index]
-        lag = time - last
-        lag[lag > pause] = np.inf
-        yield Round(rows, time, lag, places[index], noise[index])
-        more = number > 1
-        rows, index, number, last = rows[more], index[more] + 1, number[more] - 1, time[more]
-
-
-def in_steps(lag: Array, dt: float) -> Iterator[tuple[IntArray, Array]]:
-    """Divide times (O,) > 0 into steps of nearly ``dt`` s; whose next step it is, and how long.
-
-    Longer times than `MOST_STEPS` of them are divided into that many.
-    """
-    number = np.minimum(np.maximum(np.rint(lag / dt), 1.0), MOST_STEPS)
-    times = lag / number
-    for done in range(int(number.max(initial=0.0))):
-        rows = np.flatnonzero(number > done)
-        yield rows, times[rows]
-
-
-def carried(modes: ModeStates, motion: Motion, lag: Array, dt: float) -> ModeStates:
-    """Return the modes after times (O,) > 0, s, in steps of nearly ``dt`` s."""
-    for rows, times in in_steps(lag, dt):
-        modes = modes.replaced(rows, moved(modes.at(rows), _step(motion, times)))
-    return modes
+    """Return W, lower triangular, with W' W = R^-1, (K, D, D); NaN where R is not definite."""
+    whitening = np.empty(noise.shape)
+    compiled()[1](np.ascontiguousarray(noise), whitening)
+    return whitening
 
 
 def _step(motion: Motion, times: Array) -> ModeStep:
-    """Return the step of each time; one for all where they are the same."""
+    """Return the step of each time, from a table; one for all where they are the same."""
     if (times == times[0]).all():
-        return _same_step(motion, float(times[0]))
-    return motion.step(times)
+        times = times[:1]
+    return _tabled(motion, times.tobytes())
 
 
 @lru_cache(maxsize=64)
-def _same_step(motion: Motion, time: float) -> ModeStep:
-    return motion.step(np.array([time]))
+def _tabled(motion: Motion, times: bytes) -> ModeStep:
+    step = motion.step(np.frombuffer(times))
+    return ModeStep(*(np.ascontiguousarray(part) for part in step))
 
 
 def filtered(tracks: Tracks, before: Beliefs | None, motion: Motion, floor: float) -> Beliefs:
@@ -297,36 +172,44 @@ def filtered(tracks: Tracks, before: Beliefs | None, motion: Motion, floor: floa
     first, newest, count, values = (before or Beliefs.none()).resumed(sightings, shapes)
     if before is not None and values is before.values:
         return before
-    modes, origin = ModeStates(*values[:3]), values[3]
-    modes.weight[:, count == 0] = np.array(motion.usual)[:, None]
-    for each in rounds(sightings, first, newest, PAUSE * tracks.dt):
-        fresh = np.isinf(each.lag)
-        if fresh.any():
-            new = each.where(fresh)
-            origin[:, new.rows], count[new.rows] = new.place.T, 0
-            modes = modes.replaced(new.rows, _begun(new, motion, floor))
-        if not fresh.all():
-            old = each.where(~fresh)
-            ahead = carried(modes.at(old.rows), motion, old.lag, tracks.dt)
-            place = old.place.T - origin[:, old.rows]
-            now = updated(ahead, place, _whitening(old.noise, floor))
-            modes = modes.replaced(old.rows, now)
-        newest[each.rows] = each.time
-        count[each.rows] += 1
-    return Beliefs(sightings.log, newest, count, (*modes, origin))
+    values[0][:, count == 0] = motion.first[1][:, None]
+    number = sightings.count - first
+    rows = np.flatnonzero(number)
+    if not rows.size:
+        return Beliefs(sightings.log, newest, count, values)
+    begins = np.concatenate([[0], np.cumsum(number)])
+    unused = [(row, first[row]) for row in rows.tolist()]
+    times = np.concatenate([sightings.times[row][begin:] for row, begin in unused])
+    measured = np.concatenate([sightings.values[row][begin:] for row, begin in unused])
+    lag, heads = times.copy(), begins[rows]
+    lag[1:] -= times[:-1]
+    lag[heads] = times[heads] - newest[rows]
+    newest[rows] = times[begins[rows + 1] - 1]
+    steps, which, length = _in_steps(lag, PAUSE * tracks.dt, tracks.dt)
+    noise = floored(measured[:, size:].reshape(-1, size, size), floor)
+    places = np.ascontiguousarray(measured[:, :size])
+    _run(ModeStates(*values[:3]), values[3], count, begins, (places, noise, whitened(noise)),
+         steps, which, _step(motion, length), motion.first)  # fmt: skip
+    return Beliefs(sightings.log, newest, count, values)
 
 
-def _begun(new: Round, motion: Motion, floor: float) -> ModeStates:
-    """Return the modes after the first measurement of obstacles."""
-    noise, start, number = floored(new.noise, floor), motion.start, len(motion.usual)
-    count, size = new.place.shape
-    body = len(start) + 1, size
-    covariance = np.zeros((*body, *body, number, count))
-    covariance[0, :, 0] = noise.transpose(1, 2, 0)[:, :, None]
-    for component, variance in enumerate(start, 1):
-        covariance[component, range(size), component, range(size)] = variance
-    weight = np.repeat(np.array(motion.usual)[:, None], count, axis=1)
-    return ModeStates(weight, np.zeros((*body, number, count)), covariance)
+def _in_steps(lag: Array, pause: float, dt: float) -> tuple[IntArray, IntArray, Array]:
+    """Divide times (K,), s, into steps of nearly ``dt`` s, at most `MOST_STEPS`.
+
+    Returns
+    -------
+    number : (K,), of the steps; 0 for a time above ``pause`` s, after which a filter begins anew.
+    which : (K,), index of their length.
+    length : (L,), s, different ones.
+    """
+    number = np.minimum(np.maximum(np.rint(lag / dt), 1.0), MOST_STEPS)
+    paused = lag > pause
+    each = np.where(paused, dt, lag) / np.where(paused, 1.0, number)
+    number[paused] = 0.0
+    if (each == each[0]).all():
+        return number.astype(np.int64), np.zeros(len(lag), dtype=np.int64), each[:1]
+    length, which = np.unique(each, return_inverse=True)
+    return number.astype(np.int64), which, length
 
 
 class ModeReadings(NamedTuple):
@@ -344,12 +227,6 @@ class ModeReadings(NamedTuple):
     mean: Array
     spread: Array
     noise: Array
-
-
-def readings_ahead(motion: Motion, dt: float, steps: int) -> ModeReadings:
-    """Return `readings` for so many steps, from a table that is kept for the next call."""
-    table = readings(motion, dt, BLOCK * -(-steps // BLOCK))
-    return ModeReadings(*(part[:steps] for part in table))
 
 
 @lru_cache(maxsize=32)
@@ -390,17 +267,24 @@ def moments_ahead(modes: ModeStates, reads: ModeReadings) -> tuple[Array, Array]
     Cov = sum_j mu_j ((C_j + r_j r_j') : P_j + C_j : x_j x_j' + n_j I + (m_j - m)(m_j - m)')
     """
     weight, state = modes.weight, modes.state
+    steps, number = reads.noise.shape
+    components, size, _, count = state.shape
+    pairs = (weight * modes.covariance).transpose(4, 0, 2, 1, 3, 5)
     square = reads.spread + reads.mean[..., :, None] * reads.mean[..., None, :]
-    covariance = np.einsum("nmab,adbemo->ndeo", square, weight * modes.covariance)
-    each = np.einsum("nma,admo->ndmo", reads.mean, state)
-    mean = each[:, :, 0]
-    if len(weight) > 1:
-        mean = np.einsum("mo,ndmo->ndo", weight, each)
-        gap = each - mean[:, :, None]
-        covariance += np.einsum("ndmo,nemo->ndeo", weight * gap, gap)
-        covariance += np.einsum("nmab,admo,bemo->ndeo", reads.spread, weight * state, state)
-    noise = np.einsum("nm,mo->no", reads.noise, weight)
-    for axis in range(state.shape[1]):
+    covariance = square.reshape(steps, -1) @ pairs.reshape(number * components**2, -1)
+    covariance = covariance.reshape(steps, size, size, count)
+    flat = state.transpose(2, 0, 1, 3).reshape(number, components, -1)
+    each = (reads.mean.transpose(1, 0, 2) @ flat).reshape(number, steps, size, count)
+    mean = each[0]
+    if number > 1:
+        mean = np.einsum("mo,mndo->ndo", weight, each)
+        gap = each - mean
+        covariance += np.einsum("mndo,mneo->ndeo", weight[:, None, None] * gap, gap)
+        pairs = np.einsum("admo,bemo->mabdeo", weight * state, state)
+        moving = reads.spread.reshape(steps, -1) @ pairs.reshape(number * components**2, -1)
+        covariance += moving.reshape(covariance.shape)
+    noise = reads.noise @ weight
+    for axis in range(size):
         covariance[:, axis, axis] += noise
     return mean, covariance
 
@@ -415,41 +299,70 @@ class Start:
     origin : (D, O), m, that states are relative to.
     late : (O,), that number; a forecast must drop its first ``late`` steps.
     unseen : (O,), those without a measurement.
+    motion : of the modes.
+    dt : s, of a step.
     """
 
     modes: ModeStates
     origin: Array
     late: IntArray
     unseen: BoolArray
+    motion: Motion
+    dt: float
 
-    @classmethod
-    def of(
-        cls, beliefs: Beliefs, tracks: Tracks, motion: Motion, tracked: BoolArray | None = None
-    ) -> "Start":
-        """Carry beliefs over the part of a step by which measurements miss the grid.
+    def moments(self, steps: int) -> tuple[Array, Array]:
+        """Return mean (O, N, D), m, and covariance (O, N, D, D), m^2, of the first steps.
 
-        Parameters
-        ----------
-        beliefs : of the obstacles of the tracks, in any order of modes.
-        tracks : of the obstacles.
-        motion : of the modes.
-        tracked : (O,), whose position, velocity and covariances are those of the tracker, which
-            states them at the newest observed row; None where there is no tracker.
+        They are computed for a multiple of `BLOCK` steps and kept for the next call.
         """
-        *parts, origin = beliefs.values
-        modes, lag = ModeStates(*parts), tracks.lag
-        if tracked is not None and tracked.any():
-            rows = np.flatnonzero(tracked)
-            newest = gather(tracks, length=1)
-            lag = np.where(tracked, tracks.dt * newest.late, lag)
-            modes = modes.replaced(rows, _tracked(modes.at(rows), tracks, rows))
-            origin = np.where(tracked, newest.origin.T, origin)
-        late = np.minimum(np.floor(lag / tracks.dt + ON_GRID), MOST_STEPS).astype(np.int64)
-        rest = lag - tracks.dt * late
-        off = np.flatnonzero(rest > ON_GRID * tracks.dt)
-        if off.size:
-            modes = modes.replaced(off, moved(modes.at(off), _step(motion, rest[off])))
-        return cls(modes, origin, late, np.asarray(beliefs.count == 0))
+        length = BLOCK * -(-steps // BLOCK)
+        if length not in self._known:
+            middle, spread = moments_ahead(self.modes, readings(self.motion, self.dt, length))
+            mean = (middle + self.origin).transpose(2, 0, 1)
+            covariance = (0.5 * (spread + spread.swapaxes(1, 2))).transpose(3, 0, 1, 2)
+            if self.unseen.any():
+                mean[self.unseen] = 0.0
+                covariance[self.unseen] = NEVER_SEEN_SPREAD**2 * np.eye(mean.shape[2])
+            self._known[length] = mean, covariance
+        mean, covariance = self._known[length]
+        return mean[:, :steps], covariance[:, :steps]
+
+    @cached_property
+    def _known(self) -> dict[int, tuple[Array, Array]]:
+        return {}
+
+
+@lru_cache(maxsize=8)
+def started(beliefs: Beliefs, tracks: Tracks, motion: Motion, trusted: float = np.inf) -> Start:
+    """Carry beliefs over the part of a step by which measurements miss the grid.
+
+    The last ones are kept: a decision asks twice.
+
+    Parameters
+    ----------
+    beliefs : of the obstacles of the tracks, in any order of modes.
+    tracks : of the obstacles.
+    motion : of the modes.
+    trusted : number of measurements up to which position, velocity and covariances are those of
+        the tracker, where there is one, at the newest observed row. One that states no velocity
+        has its numbers used from the second measurement on.
+    """
+    *parts, origin = beliefs.values
+    modes, lag = ModeStates(*parts), tracks.lag
+    least = 2 if tracks.velocity is None else 1
+    tracked = (least <= beliefs.count) & (beliefs.count <= trusted)
+    if tracks.state_covariance is not None and tracked.any():
+        rows = np.flatnonzero(tracked)
+        newest = gather(tracks, length=1)
+        lag = np.where(tracked, tracks.dt * newest.late, lag)
+        modes = modes.replaced(rows, _tracked(modes.at(rows), tracks, rows))
+        origin = np.where(tracked, newest.origin.T, origin)
+    late = np.minimum(np.floor(lag / tracks.dt + ON_GRID), MOST_STEPS).astype(np.int64)
+    rest = np.asarray(lag - tracks.dt * late, dtype=np.float64)
+    off = np.flatnonzero(rest > ON_GRID * tracks.dt)
+    if off.size:
+        modes = modes.replaced(off, moved(modes.at(off), _step(motion, rest[off])))
+    return Start(modes, origin, late, np.asarray(beliefs.count == 0), motion, tracks.dt)
 
 
 def _tracked(modes: ModeStates, tracks: Tracks, rows: IntArray) -> ModeStates:
@@ -467,49 +380,29 @@ def _tracked(modes: ModeStates, tracks: Tracks, rows: IntArray) -> ModeStates:
     return ModeStates(modes.weight, state, covariance)
 
 
-def forecast_ahead(
-    beliefs: Beliefs, tracks: Tracks, motion: Motion, steps: int, name: str
-) -> Forecast:
-    """Forecast from the beliefs of one mode, with a tracker's numbers where there are any.
-
-    A tracker that states no velocity has its numbers used from the second measurement on.
-    """
-    tracked = None
-    if tracks.state_covariance is not None:
-        tracked = np.asarray(beliefs.count > (1 if tracks.velocity is None else 0), dtype=np.bool_)
-    start = Start.of(beliefs, tracks, motion, tracked)
-    return forecast(start, motion, tracks, steps, name)
-
-
-def forecast(start: Start, motion: Motion, tracks: Tracks, steps: int, name: str) -> Forecast:
+def forecast(start: Start, steps: int, name: str) -> Forecast:
     """Forecast one Gaussian per obstacle, with the exact moments of the motion's own future.
 
     Nothing is known of an obstacle never observed, so its mean is the world's origin (the one
     place where a forecast cannot turn and shift with the world) and its standard deviation
     `NEVER_SEEN_SPREAD`, the same unknown place at all steps.
     """
-    further = steps + int(start.late.max(initial=0))
-    middle, spread = moments_ahead(start.modes, readings_ahead(motion, tracks.dt, further))
-    mean = after((middle + start.origin).transpose(2, 0, 1), steps, start.late)[:, None]
-    spread = (0.5 * (spread + spread.swapaxes(1, 2))).transpose(3, 0, 1, 2)
-    covariance = after(spread, steps, start.late)[:, None]
+    mean, covariance = start.moments(steps + int(start.late.max(initial=0)))
     reasons: tuple[str | None, ...] = (None,) * len(mean)
     if start.unseen.any():
-        mean[start.unseen] = 0.0
-        covariance[start.unseen] = NEVER_SEEN_SPREAD**2 * np.eye(tracks.dimension)
         reasons = tuple(f"{name}: never observed" if new else None for new in start.unseen)
     return assembled(  # finite and PSD for tracks within the limits
         Forecast,
-        mean=mean,
-        covariance=covariance,
+        mean=after(mean, steps, start.late)[:, None],
+        covariance=after(covariance, steps, start.late)[:, None],
         weight=np.ones((len(mean), 1)),
-        dt=tracks.dt,
+        dt=start.dt,
         fallback=reasons,
-        joint_source=partial(_joint, start, motion, tracks.dt, steps),
+        joint_source=partial(_joint, start, steps),
     )
 
 
-def _joint(start: Start, motion: Motion, dt: float, steps: int) -> Array:
+def _joint(start: Start, steps: int) -> Array:
     """Joint covariance of the positions at all steps, (O, 1, N*D, N*D), m^2.
 
     With d_h = s_h - E[s_h], 1_j(h) that mode j is in force at step h and
@@ -519,7 +412,7 @@ def _joint(start: Start, motion: Motion, dt: float, steps: int) -> Array:
 
     and Cov(s_h, s_i) is the sum of the upper parts of all C_j(h).
     """
-    modes, step = start.modes, _same_step(motion, dt)
+    modes, step = start.modes, _step(start.motion, np.array([start.dt]))
     f, chain = step.transition[..., 0], step.switching[..., 0]
     size, count = modes.state.shape[1], modes.state.shape[3]
     further = steps + int(start.late.max(initial=0))

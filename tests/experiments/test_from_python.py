@@ -1,6 +1,5 @@
 """`wideberth.run` is the shell's `run`: the same files, the same refusals, a result to look at."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +47,6 @@ def test_a_result_shows_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
     monkeypatch.setattr(runner, "draw", pytest.fail)
     assert wideberth.open_result(result.folder).figures["approximation_error"] == picture
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(WideberthError, match=r"data frames need pandas.*`rows` of a result"):
-        _ = result.table
 
 
 def test_a_config_is_a_name_a_file_a_mapping_or_an_experiment() -> None:

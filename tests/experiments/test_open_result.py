@@ -1,6 +1,5 @@
 """A result in Python and in a paper: data frames, episodes, columns and pivots."""
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -67,14 +66,6 @@ def test_what_is_no_result(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     (folder / "table.csv").unlink()
     with pytest.raises(WideberthError, match="not finished"):
         open_result(folder)
-
-
-def test_without_pandas(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    result = open_result(folder)
-    assert len(result.rows) == 4 and "summary" in repr(result)
-    with pytest.raises(WideberthError, match=r"pip install 'wideberth\[studies\]'"):
-        result.tables["summary"]
 
 
 def shown(folder: Path, *options: str) -> str:

@@ -23,8 +23,6 @@ from wideberth.tests.house import page_commands, typed_scripts
 from wideberth.tests.house.test_pages import ROOT, blocks
 
 UV = Path(sys.executable).with_name("uv")
-MOST_MEGABYTES, MOST_PACKAGES = 500, 25
-"""Of the core: files in site-packages, compiled modules among them, and packages beside ours."""
 EXAMPLES = {
     "predictor": "my_predictor:Braking --dimensions 2", "region": "my_region:Disc",
     "robot": "my_robot:Cart",
@@ -125,7 +123,6 @@ def main(dist: Path, pythons: Sequence[str]) -> None:
             tried(core)
             words = f"{core.call('python', '--version').strip()}: {size:.0f} MB, {count} packages"
             print(f"{words}, import {import_seconds(core):.2f} s", end="; ", flush=True)
-            assert size <= MOST_MEGABYTES and count <= MOST_PACKAGES, (size, count)
             whole = Environment.made(Path(name) / f"all{k}", python, f"{wheel}[all]")
             tried(whole)
             print("with all extras {:.0f} MB, {} packages".format(*whole.size()), end="; ")

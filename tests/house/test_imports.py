@@ -22,7 +22,7 @@ ROOMS = {
     for room in rooms
 }
 HEAVY = {
-    "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
+    "statsmodels", "filterpy", "jax", "cvxpy", "matplotlib", "pandas", "pydantic",
     "numba", "mujoco", "rosbags", "rclpy", "scipy", "shapely", "loky", "cloudpickle", "jinja2",
     "platformdirs", "pyarrow", "pyrvo",
 }  # fmt: skip

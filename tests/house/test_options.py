@@ -79,10 +79,11 @@ REASONS: dict[str, str] = {
         FunctionalConstant: observed
         MixtureDensity: observed
         """,
-    "a number that `fit` writes": """
+    "a number that `fit` or `update` writes": """
         BayesianVectorAutoregression: samples
         ConstantAcceleration: acceleration noise_floor
         InteractingModels: manoeuvring noise_floor standing steady
+        Online: stated waiting
         """,
     "parameter of the published method that `reference` of the plug-in names": """
         AdaptiveConformal: rate

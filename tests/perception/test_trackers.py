@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from filterpy.common import Q_discrete_white_noise
+from filterpy.kalman import KalmanFilter
 
 from wideberth import Observation, WideberthError
 from wideberth.framework.detector import Detector
@@ -71,10 +73,9 @@ def sightings(
 
 
 def test_the_filter_equals_the_librarys() -> None:
-    filterpy = pytest.importorskip("filterpy.kalman", reason="compares with filterpy")
     rng = np.random.default_rng(0)
     state, spread = rng.standard_normal(4), np.diag([0.1, 0.2, 1.0, 2.0])
-    other = filterpy.KalmanFilter(dim_x=4, dim_z=2)
+    other = KalmanFilter(dim_x=4, dim_z=2)
     other.x, other.P, other.H = state.copy(), spread.copy(), np.eye(2, 4)
     for _ in range(50):
         dt, place = float(rng.uniform(0.01, 0.3)), rng.standard_normal(2)
@@ -442,14 +443,12 @@ def test_kf_hungarian_carries_nobody_over_ages(gap: float) -> None:
 
 
 def test_kf_hungarian_equals_its_filter() -> None:
-    filterpy = pytest.importorskip("filterpy.common", reason="compares with filterpy")
-    kalman = pytest.importorskip("filterpy.kalman")
-    other = kalman.KalmanFilter(dim_x=4, dim_z=2)
+    other = KalmanFilter(dim_x=4, dim_z=2)
     other.x, other.P = np.array([2.05, 0.0, 0.0, 0.0]), np.diag([1.0, 1.0, 10.0, 10.0])
     other.H, other.R = np.eye(2, 4), np.eye(2)
     tracker = KfHungarian()
     tracker.update(sightings(0.1, [[2.05, 0.0]]))
-    axis = filterpy.Q_discrete_white_noise(2, dt=0.1, var=2.0)
+    axis = Q_discrete_white_noise(2, dt=0.1, var=2.0)
     for number in range(2, 30):
         tracker.update(sightings(0.1 * number, [[2.0 + 0.05 * number, 0.0]]))
         other.predict(F=np.eye(4) + 0.1 * np.eye(4, k=2), Q=np.kron(axis, np.eye(2)))

@@ -187,7 +187,7 @@ def test_truth_is_used_once_and_only_when_due():
     assert np.allclose(log[6], hit * np.array([4, 2, 1]) + miss * np.array([1, 2, 2]))
     again = predictor.update(seen_at(scene, 6, OBSERVED)[0])
     assert again.state.log_scale == predictor.state.log_scale
-    assert len(again.state.pending) == len(predictor.state.pending)
+    assert len(again.state.waiting.row) == len(predictor.state.waiting.row)
 
 
 def test_updates_between_the_steps_of_the_tracks():
@@ -204,7 +204,8 @@ def test_updates_between_the_steps_of_the_tracks():
         if tick % 4 == 0:
             seldom = seldom.update(at(0.125 * tick))
             assert np.allclose(often.state.log_scale, seldom.state.log_scale, atol=1e-12)
-            assert len(often.state.pending) == len(seldom.state.pending) <= STEPS
+            assert len(often.state.waiting.row) == len(seldom.state.waiting.row)
+            assert len(set(often.state.waiting.time)) <= STEPS
     uneven = adaptive(Stay(0.5))
     for tick in range(20):
         uneven = uneven.update(at(0.7 * tick))
@@ -220,11 +221,12 @@ def test_it_starts_anew_where_the_clock_or_the_step_says_so():
     for other in (early, replace(now, dt=0.4)):
         anew = learnt.update(other)
         assert anew.state.log_scale == (0.0,) * 2 * STEPS
-        assert [one.stamp for one in anew.state.pending] == [other.stamp]
+        assert anew.state.stated == other.stamp
+        assert anew.state.waiting.time.min() == other.stamp + other.dt
     empty = learnt.update(now.select([]))
     assert empty.state.log_scale == learnt.state.log_scale
     away = replace(now, stamp=now.stamp + 1000 * DT)
-    assert away.stamp - learnt.update(away).state.pending[0].stamp == 0.0
+    assert learnt.update(away).state.waiting.time.min() == away.stamp + DT
     assert learnt.update(away).state.log_scale == learnt.state.log_scale
 
 
@@ -260,7 +262,7 @@ def test_what_is_kept_is_bounded():
     predictor = adaptive(rate=100.0)
     for row in range(30):
         predictor = predictor.update(tracks_of(still, stamp=DT * row))
-        assert len(predictor.state.pending) <= STEPS
+        assert len(predictor.state.waiting.row) <= 2 * STEPS * (STEPS + 1) // 2
     assert predictor.state.log_scale == (-LIMIT,) * STEPS + (0.0,) * STEPS
     assert np.linalg.eigvalsh(predictor.predict(tracks_of(still), 2).covariance).min() > 0
 

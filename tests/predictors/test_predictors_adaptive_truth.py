@@ -8,11 +8,11 @@ from scipy.stats import chi2
 from wideberth.framework.values.measurements import Measurements
 from wideberth.framework.values.tracks import Tracks, resolution
 from wideberth.predictors.adaptive_conformal import (
+    BRIDGE,
     LIMIT,
     AdaptiveConformal,
     Online,
-    Pending,
-    _Looks,
+    Stated,
     _missed,
     _quantile,
     _starts,
@@ -28,7 +28,7 @@ def tracks_of(positions: np.ndarray, stamp: float) -> Tracks:
     return Tracks(positions, 0.5, names, np.full(count, 0.3), np.zeros((count, size, size)), stamp)
 
 
-def looks_at(rows, times, mean=None, kind=None, step=None) -> _Looks:
+def looks_at(rows, times, mean=None, kind=None, step=None) -> Stated:
     """Return forecasts of one mode and unit variance that have fallen due."""
     count = len(rows)
     mean = np.zeros((count, 2)) if mean is None else np.asarray(mean)
@@ -36,7 +36,7 @@ def looks_at(rows, times, mean=None, kind=None, step=None) -> _Looks:
     zero = np.zeros(count, dtype=np.int64)
     kind, step = (zero if part is None else np.asarray(part) for part in (kind, step))
     rows, times = np.asarray(rows), np.asarray(times, dtype=float)
-    return _Looks(rows, times, kind, step, mean[:, None], unit, np.ones((count, 1)))
+    return Stated(rows, times, kind, step, mean[:, None], unit, np.ones((count, 1)))
 
 
 def places_at(tracks: Tracks, time: float) -> np.ndarray:
@@ -189,15 +189,6 @@ def test_scales_are_those_learnt_last_else_those_of_the_fit() -> None:
     np.testing.assert_allclose(np.reshape(fit.first(0.3), (3, 3)), sooner + np.arange(3)[:, None])
 
 
-def pending_of(stamp, ids, steps, judged) -> Pending:
-    """Return a forecast of unit circles around (10 k, 0)."""
-    count = len(ids)
-    mean = np.zeros((count, 1, steps, 2))
-    mean[:, 0, :, 0] = 10.0 * np.arange(count)[:, None]
-    unit = np.tile(np.eye(2), (count, 1, steps, 1, 1))
-    return Pending(stamp, ids, np.arange(count), judged, mean, unit, np.ones((count, 1)))
-
-
 def test_who_is_known_when_a_step_falls_due_is_inside_or_outside() -> None:
     """Of a circle around its forecast; who is not known is neither."""
     places = [(2.0, 0.0), (13.0, 0.0), (20.0, 0.1), (np.nan, 0.0)]
@@ -212,21 +203,40 @@ def test_who_is_known_when_a_step_falls_due_is_inside_or_outside() -> None:
 
 
 def test_each_person_is_judged_once_its_own_measurement_reaches_the_step() -> None:
-    """And only once: what is judged is written down for each."""
-    ids = ("late", "gone", "now")
-    state = Online(5.0, 0.5, (0.0,) * 9, (pending_of(5.0, ids, 3, [1, 0, 0]),))
+    """And only once; who is gone is waited for, as long as its measurements may still come."""
+    step = np.array([1, 2, 0, 1, 2, 0, 1, 2])
+    row = np.array([0, 0, 1, 1, 1, 2, 2, 2])
+    waiting = looks_at(row, 5.0 + 0.5 * (step + 1.0), kind=row, step=step)
+    state = Online(5.0, 0.5, (0.0,) * 9, 5.0, ("late", "gone", "now"), waiting)
     own = AdaptiveConformal(Static(), steps=3, speeds=(0.5,), state=state)
     times = [[4.9, 5.4, 5.9, 6.4], [5.0, 6.0, 6.5]]
     sightings = Measurements(times, [np.zeros((4, 2)), np.zeros((3, 2))],
                           [np.zeros((4, 2, 2)), np.zeros((3, 2, 2))])  # fmt: skip
     tracks = Tracks(np.zeros((2, 3, 2)), 0.5, ("late", "now"), np.full(2, 0.3),
                     np.zeros((2, 2, 2)), 6.5, sightings=sightings)  # fmt: skip
-    (after,), looks = own._due(state, tracks)
-    # The first one is known up to 6.4 s: of its steps at 5.5, 6 and 6.5 s the second is due.
-    assert after.judged.tolist() == [2, 0, 3]
-    found = sorted(zip(looks.row.tolist(), looks.step.tolist(), looks.time.tolist(), strict=True))
+    after = state.about(tracks.ids)
+    assert after.ids == ("late", "now", "gone")
+    due, rest = own._due(after, tracks)
+    # The first one is known up to 6.4 s: of its steps at 6 and 6.5 s the first is due.
+    found = sorted(zip(due.row.tolist(), due.step.tolist(), due.time.tolist(), strict=True))
     assert found == [(0, 1, 6.0), (1, 0, 5.5), (1, 1, 6.0), (1, 2, 6.5)]
-    assert looks.kind.tolist() == [0 if row == 0 else 2 for row in looks.row]
-    (again,), looks = own._due(replace(state, pending=(after,)), tracks)
-    assert looks is None or not len(looks.row)
-    assert again.judged.tolist() == [2, 0, 3]
+    assert due.kind.tolist() == [0 if row == 0 else 2 for row in due.row]
+    left = sorted(zip(rest.row.tolist(), rest.step.tolist(), strict=True))
+    assert left == [(0, 2), (2, 0), (2, 1), (2, 2)]
+    due, again = own._due(replace(after, waiting=rest), tracks)
+    assert not len(due.row) and len(again.row) == 4
+    later = replace(tracks, stamp=5.0 + 0.5 * (3 + BRIDGE), sightings=None)
+    assert not len(own._due(replace(after, waiting=rest), later)[1].row)
+
+
+def test_forecasts_of_fewer_modes_wait_with_those_of_more() -> None:
+    """With modes of weight 0 behind theirs."""
+    one = looks_at([0], [1.0], [(1.0, 2.0)])
+    two = replace(one, mean=np.ones((1, 2, 2)), covariance=np.ones((1, 2, 2, 2)),
+                  weight=np.array([[0.3, 0.7]]))  # fmt: skip
+    for first, second in ((one, two), (two, one)):
+        both = first.joined(second)
+        assert both.weight.tolist() == [
+            [1.0, 0.0] if part is one else [0.3, 0.7] for part in (first, second)
+        ]
+        assert both.mean.shape == (2, 2, 2) and both.covariance.shape == (2, 2, 2, 2)

@@ -14,7 +14,6 @@ from wideberth.predictors.core.kalman_filter import (
     ModeStep,
     Motion,
     filtered,
-    mixed,
     moments_ahead,
     moved,
     readings,
@@ -22,6 +21,7 @@ from wideberth.predictors.core.kalman_filter import (
 from wideberth.predictors.core.propagation import joint_covariance
 from wideberth.predictors.interacting_models import MODES, InteractingModels
 from wideberth.predictors.kalman import DriftingVelocity
+from wideberth.tests.helpers.filter_steps import mixed
 from wideberth.tests.helpers.irregular import irregular_tracks
 
 DT = 0.4

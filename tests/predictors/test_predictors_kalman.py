@@ -17,12 +17,12 @@ from wideberth.predictors.core.kalman_filter import (
     ModeStates,
     filtered,
     floored,
-    updated,
     whitened,
 )
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.interacting_models import InteractingModels
 from wideberth.predictors.kalman import DriftingVelocity, Kalman
+from wideberth.tests.helpers.filter_steps import updated
 from wideberth.tests.helpers.irregular import irregular_tracks
 
 DT = 0.5
@@ -163,8 +163,8 @@ def one_mode(count, size=2, seed=1):
 @pytest.mark.parametrize("size", [2, 3])
 def test_updates_stay_positive_semi_definite_with_tiny_noise(size):
     modes, _ = one_mode(500, size)
-    whitening = whitened(np.tile(1e-18 * np.eye(size)[..., None], 500))
-    after = updated(modes, np.zeros((size, 500)), whitening).covariance[..., 0, :]
+    noise = np.tile(1e-18 * np.eye(size), (500, 1, 1))
+    after = updated(modes, np.zeros((size, 500)), noise).covariance[..., 0, :]
     spread = after.transpose(4, 0, 1, 2, 3).reshape(500, 2 * size, 2 * size)
     assert np.linalg.eigvalsh(spread).min() > -1e-12 * np.abs(spread).max()
 
@@ -175,7 +175,7 @@ def test_whitening_makes_errors_independent(size):
     rng = np.random.default_rng(3)
     root = rng.standard_normal((40, size, size)) * np.logspace(0, -3, size)[:, None]
     noise = root @ root.swapaxes(1, 2)
-    whitening = whitened(noise.transpose(1, 2, 0)).transpose(2, 0, 1)
+    whitening = whitened(noise)
     assert (whitening == np.tril(whitening)).all()
     unit = whitening @ noise @ whitening.swapaxes(1, 2)
     np.testing.assert_allclose(unit, np.tile(np.eye(size), (40, 1, 1)), atol=1e-6)
@@ -320,7 +320,7 @@ def test_an_update_is_the_textbooks_gain():
     rng = np.random.default_rng(17)
     root = rng.standard_normal((7, 3, 3))
     noise, place = root @ root.swapaxes(1, 2), rng.standard_normal((3, 7))
-    after = updated(modes, place, whitened(noise.transpose(1, 2, 0)))
+    after = updated(modes, place, noise)
     state = modes.state[:, :, 0].transpose(2, 0, 1).reshape(7, 6)
     gain = whole[:, :, :3] @ np.linalg.inv(whole[:, :3, :3] + noise)
     moved = state + np.einsum("oij,oj->oi", gain, place.T - state[:, :3])
@@ -342,7 +342,7 @@ def test_modes_are_weighted_by_the_density_of_the_innovation():
     )
     root = rng.standard_normal((4, 2, 2))
     noise, place = root @ root.swapaxes(1, 2), rng.standard_normal((2, 4))
-    after = updated(modes, place, whitened(noise.transpose(1, 2, 0)))
+    after = updated(modes, place, noise)
     for o in range(4):
         density = [
             multivariate_normal(modes.state[0, :, m, o], whole[o, :2, :2] + noise[o]).pdf(

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.core.kalman_filter import ModeStates, Start, forecast
 from wideberth.predictors.core.propagation import (
     cut_steps,
@@ -56,9 +55,8 @@ def test_all_obstacles_at_once_are_each_alone(size):
     late, state = np.array([0, 2, 0, 1, 3]), rng.normal(size=(5, 2, size))
     blocks = start.reshape(5, 2, size, 2, size).transpose(1, 2, 3, 4, 0)[..., None, :]
     modes = ModeStates(np.ones((1, 5)), state.transpose(1, 2, 0)[:, :, None], blocks)
-    begin = Start(modes, np.zeros((size, 5)), late, np.zeros(5, dtype=np.bool_))
-    tracks = Tracks(np.zeros((5, 1, size)), 0.4, range(5), np.zeros(5), np.zeros((5, size, size)))
-    said = forecast(begin, DriftingVelocity(0.3, 1.0), tracks, 6, "all")
+    motion, unseen = DriftingVelocity(0.3, 1.0), np.zeros(5, dtype=np.bool_)
+    said = forecast(Start(modes, np.zeros((size, 5)), late, unseen, motion, 0.4), 6, "all")
     assert said.joint is not None
     for i in range(5):
         alone = joint_covariance(*model, start[i], size, 9)

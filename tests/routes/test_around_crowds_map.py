@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth import WideberthError
 from wideberth.controllers.pure_pursuit import PurePursuit
 from wideberth.framework.control.command_limits import top_speed
-from wideberth.framework.plugins import extras
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.costmap import INSCRIBED, LETHAL, Costmap
 from wideberth.framework.values.motion import Detection, Observation
@@ -323,11 +321,3 @@ def test_what_is_remembered_and_the_period_are_the_controllers() -> None:
     observation = seen(crowd(3))
     one.remember(observation)
     assert notes == [observation]
-
-
-def test_the_extra_is_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        extras, "find_spec", lambda library: None if library == "shapely" else library
-    )
-    with pytest.raises(WideberthError, match="around_crowds needs shapely"):
-        AroundCrowds(Recorder())

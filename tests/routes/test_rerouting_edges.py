@@ -5,7 +5,6 @@ import pytest
 import shapely
 
 from wideberth import Detection, WideberthError
-from wideberth.framework.plugins import extras
 from wideberth.framework.values.costmap import INSCRIBED, LETHAL
 from wideberth.framework.values.walls import box
 from wideberth.routes.rerouting import Rerouting
@@ -139,11 +138,3 @@ def test_cells_are_larger_where_walls_reach_far() -> None:
     assert routes._bare is not None
     lowest = min(float(wall.points[:, 1].min()) for wall in HALL)
     assert routes._bare.resolution == pytest.approx((901.0 - lowest) / 2000.0)
-
-
-def test_the_extra_is_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        extras, "find_spec", lambda library: None if library == "shapely" else library
-    )
-    with pytest.raises(WideberthError, match="rerouting needs shapely"):
-        Rerouting((), radius=1.0)

@@ -27,7 +27,7 @@ from wideberth.framework.values.plan import Plan, Rung, Status
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics import comfort as metrics_comfort
 from wideberth.metrics.episode import content_bound
-from wideberth.predictors.adaptive_conformal import AdaptiveConformal, _Looks, _truth
+from wideberth.predictors.adaptive_conformal import AdaptiveConformal, Stated, _truth
 from wideberth.predictors.conformal import Conformal
 from wideberth.predictors.core.calibration import replayed, squared_distances
 from wideberth.simulation.engine.agents import ReplayAgent
@@ -206,7 +206,7 @@ def place_at(tracks: Tracks, time: float) -> Array:
     """Return where the only person was at a time, (2,), m."""
     none = np.zeros(1, dtype=np.int64)
     parts = np.zeros((1, 1, 2)), np.zeros((1, 1, 2, 2)), np.ones((1, 1))
-    return _truth(tracks, _Looks(none, np.array([time]), none, none, *parts))[0]
+    return _truth(tracks, Stated(none, np.array([time]), none, none, *parts))[0]
 
 
 def test_truth_between_two_samples_is_on_the_line_between_them() -> None:

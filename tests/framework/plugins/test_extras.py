@@ -31,15 +31,15 @@ def test_an_error_says_who_needs_it_and_what_else_can_be_done() -> None:
 
 def test_several_lacks_are_named_together_each_library_once() -> None:
     def lacking() -> None:
-        check_extra("no_routes", "fast", "routes need it")
-        check_extra("no_maps.shapes", "maps", "shapes need it", "or leave them out")
-        check_extra("no_maps", "studies", "tables need it")
+        check_extra("no_floor", "physics", "wheels need it")
+        check_extra("no_bags.files", "bags", "files need it", "or leave them out")
+        check_extra("no_bags", "parquet", "tables need it")
         check_extra("json", "sim", "texts need it")
 
     both = (
-        "routes need it, which cannot be imported (No module named 'no_routes'); shapes need it, "
-        "which cannot be imported (No module named 'no_maps'): "
-        "pip install 'wideberth[fast,maps]'; or leave them out"
+        "wheels need it, which cannot be imported (No module named 'no_floor'); files need it, "
+        "which cannot be imported (No module named 'no_bags'): "
+        "pip install 'wideberth[physics,bags]'; or leave them out"
     )
     with pytest.raises(WideberthError) as alone, gathered(), gathered():
         lacking()
@@ -49,15 +49,15 @@ def test_several_lacks_are_named_together_each_library_once() -> None:
         raise WideberthError("made of what is missing")
     assert str(followed.value) == both
     with pytest.raises(WideberthError) as imported, gathered():
-        check_extra("no_routes", "fast", "routes need it")
+        check_extra("no_floor", "physics", "wheels need it")
         try:
             from_extra("no_crowd", "sim", "the crowd needs it")
         except WideberthError as error:
             raise WideberthError(f"people: {error}") from error
-    assert str(imported.value).endswith("pip install 'wideberth[fast,sim]'")
+    assert str(imported.value).endswith("pip install 'wideberth[physics,sim]'")
     with pytest.raises(WideberthError, match=r"^a typo$"), gathered():
         raise WideberthError("a typo")
-    with pytest.raises(WideberthError, match=r"wideberth\[fast\]"):
+    with pytest.raises(WideberthError, match=r"wideberth\[physics\]"):
         lacking()
 
 

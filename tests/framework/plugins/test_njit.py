@@ -31,9 +31,10 @@ print(quarter(8.0), inverse(0.0), sum(quarter.stats.cache_hits.values()))
 
 def used(folder: Path, **environment: str) -> tuple[list[str], str]:
     """Return what `USE` prints in a new process, and its standard error."""
+    inherited = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
         [sys.executable, "-c", USE], cwd=folder, capture_output=True, text=True, check=True,
-        env={**os.environ, "PYTHONPATH": str(folder), **environment},
+        env={**inherited, "PYTHONPATH": str(folder), **environment},
     )  # fmt: skip
     return done.stdout.split(), done.stderr
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -113,7 +114,6 @@ def test_rows_in_any_order_are_read_alike(written: Path, pair: Predicted, tmp_pa
 
 
 def test_another_tool_reads_the_table(written: Path, pair: Predicted) -> None:
-    pandas = pytest.importorskip("pandas")
     table = pandas.read_parquet(written)
     assert len(table) == 2 * 2 * (6 + 3)
     ahead = table[(table["forecast"] == 1) & (table["step"] == 2) & (table["obstacle"] == "a")]
