@@ -194,7 +194,9 @@ class Folder:
         close = CLOSE_AFTER if long else CLOSE
         np.testing.assert_allclose(result["cost"], solution.cost, 10.0 * CLOSE)  # slack is dear
         for name in ("states", "inputs", "slack"):
-            np.testing.assert_allclose(result[name], getattr(point, name), 0.0, close, err_msg=name)
+            np.testing.assert_allclose(
+                result[name], getattr(point, name), 0.0, close, err_msg=name
+            )
         if self.problem.shared:
             np.testing.assert_allclose(result["level"], point.level, 0.0, close)
         for k, own in enumerate(point.auxiliaries):

@@ -156,7 +156,9 @@ def _around(subject: Subject, margin: float) -> dict[str, Any]:
     for k, (kind, slots) in enumerate(zip(subject.kinds, problem.slots, strict=True)):
         if slots.count and isinstance(kind, GaussianKind):
             functions |= _set(f"set{k}", subject, kind, margin)
-    checks = {name.replace("slot", "check"): one for name, one in problem.constraint_functions.items()}
+    checks = {
+        name.replace("slot", "check"): one for name, one in problem.constraint_functions.items()
+    }
     return {name: one for name, one in {**functions, **checks}.items() if one.numel_out(0)}
 
 

@@ -7,6 +7,7 @@ from ..layout import Define
 from ..rendering import rendered
 from .exported import ExportedSolver
 
+
 def header(solver: ExportedSolver) -> str:
     """Return the text of wideberth_solver.h."""
     problem = solver.subject.problem

@@ -1,7 +1,6 @@
-"""The problem of an exported solver in C: stage functions, sizes and bounds, as riccati.h has them."""
+"""The problem of an exported solver in C: stage functions, sizes and bounds."""
 
-import ctypes
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from ....framework.mpc.ocp.problem import Slots
@@ -85,7 +84,13 @@ def _kind(solver: ExportedSolver, k: int, slots: Slots) -> dict[str, Any]:
     check, fill = (
         PREFIX + one if one in solver.functions else "NULL" for one in (f"check{k}", f"set{k}")
     )
-    return {"core": core or [("slots", 0)], "place": k, "places": places, "check": check, "set": fill}
+    return {
+        "core": core or [("slots", 0)],
+        "place": k,
+        "places": places,
+        "check": check,
+        "set": fill,
+    }
 
 
 def _places(slots: Slots) -> list[tuple[str, str]]:
