@@ -138,8 +138,8 @@ def filled_as_in_python(folder: Folder, row: Any, cycle: int) -> None:
 def test_the_loop_in_cpp_drives_as_that_in_c(folder: Folder) -> None:
     flags = "-O1 -Wall -Wextra -Wpedantic -Werror"
     made = subprocess.run(
-        ["make", f"CXXFLAGS={flags}", f"CFLAGS=-O1 {STRICT}"], cwd=folder.place, capture_output=True,
-        text=True, check=False, timeout=120,
+        ["make", f"CXXFLAGS={flags}", f"CFLAGS=-O1 {STRICT}"],
+        cwd=folder.place, capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
     assert made.returncode == 0, made.stderr
     first, second = run(folder.place / "loop"), run(folder.place / "loop_cpp")
@@ -314,8 +314,10 @@ def test_the_code_allocates_nothing_and_has_no_state(folder: Folder) -> None:
     for kind, name in symbols:
         kinds.setdefault(kind, set()).add(name)
     called = {name for name in kinds["U"] if not name.startswith(("wb_", "wideberth_", "_"))}
-    assert called <= {"atan2", "cos", "exp", "fmax", "fmin", "fmod", "hypot", "log", "log10", "memcpy",
-                      "memset", "pow", "rint", "sin", "sincos", "sqrt"}  # fmt: skip
+    assert called <= {
+        "atan2", "cos", "exp", "fmax", "fmin", "fmod", "hypot", "log", "log10", "memcpy", "memset",
+        "pow", "rint", "sin", "sincos", "sqrt",
+    }  # fmt: skip
     assert set(kinds) <= set("UTtRrDd")
     relocated = {"ERRORS", "STATUSES", "KINDS", "sweeps", "wideberth_core", "wideberth_kinds"}
     assert kinds.get("D", set()) | kinds.get("d", set()) <= relocated

@@ -12,8 +12,9 @@ from .supported import SUPPORTED
 from .tables import NAV2, ExportedPlanner, arrays, constants, numbers, public, starts
 
 SOURCES = (
-    *SOLVER_SOURCES, "wideberth_planner.c", "planner_tracks.c", "planner_forecast.c", "planner_motion.c",
-    "planner_walls.c", "planner_scene.c", "planner_verify.c", "planner_ladder.c", "planner_end.c",
+    *SOLVER_SOURCES, "wideberth_planner.c", "planner_tracks.c", "planner_forecast.c",
+    "planner_motion.c", "planner_walls.c", "planner_scene.c", "planner_verify.c",
+    "planner_ladder.c", "planner_end.c",
 )  # fmt: skip
 PACKAGE = (
     "package.xml", "CMakeLists.txt", "wideberth_nav2.cpp", "wideberth_nav2.xml",

@@ -1,4 +1,4 @@
-"""The problem of an exported solver in C: stage functions, sizes and bounds, as riccati.h has them."""
+"""The problem of an exported solver in C: stage functions, sizes and bounds."""
 
 from collections.abc import Iterable
 from typing import Any

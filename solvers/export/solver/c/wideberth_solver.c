@@ -165,23 +165,17 @@ static double nearest(points_of points, int count, const double *place, double l
     return found;
 }
 
-/* Place at an arc length, and the unit tangent there. */
+/* Place at an arc length, and the unit tangent there; beyond the path those of its end. */
 static void walk(points_of points, int count, double arc, double *place, double *tangent) {
-    double passed = 0.0;
-    int last = 0;
-    for (int k = 0; k + 1 < count; k++)
-        if (distance(points[k], points[k + 1]) > 0.0) last = k;
-    for (int k = 0; k <= last; k++) {
+    for (int k = 0; k + 1 < count; k++) {
         const double length = distance(points[k], points[k + 1]);
-        if (length > 0.0 && (arc < passed + length || k == last)) {
-            const double share = within((arc - passed) / length, 0.0, 1.0);
-            for (int d = 0; d < D; d++) {
-                place[d] = points[k][d] + share * (points[k + 1][d] - points[k][d]);
-                tangent[d] = (points[k + 1][d] - points[k][d]) / length;
-            }
-            return;
+        if (!(length > 0.0)) continue;
+        for (int d = 0; d < D; d++) {
+            tangent[d] = (points[k + 1][d] - points[k][d]) / length;
+            place[d] = points[k][d] + within(arc, 0.0, length) * tangent[d];
         }
-        passed += length;
+        if (arc < length) return;
+        arc -= length;
     }
 }
 
@@ -248,7 +242,6 @@ int wideberth_start(wideberth_problem *problem, const wideberth_result *last, do
 
 void wideberth_prepare(const wideberth_problem *problem, wideberth_result *result,
                        wideberth_task *task) {
-    double away = 0.0;
     memset(task, 0, sizeof *task);
     memset(result, 0, sizeof *result);
     task->settings = wideberth_settings;
@@ -272,27 +265,22 @@ void wideberth_prepare(const wideberth_problem *problem, wideberth_result *resul
 #if WIDEBERTH_HEADING >= 0
     const double turn = 2.0 * 3.14159265358979323846;
     const double off = task->states[0][WIDEBERTH_HEADING] - problem->initial[WIDEBERTH_HEADING];
-    away = turn * rint(off / turn * (1.0 - 1e-9));
+    const double away = turn * rint(off / turn * (1.0 - 1e-9));
     for (int i = 0; away != 0.0 && fabs(away) < INFINITY && i <= N; i++)
         task->states[i][WIDEBERTH_HEADING] -= away;
-#else
-    (void)away;
 #endif
 }
 
-int wideberth_run(const wideberth_problem *problem, wideberth_task *task, void *memory,
+int wideberth_run(const wideberth_problem *problem, wideberth_task *task, double *memory,
                   size_t size, wideberth_result *result) {
-    const size_t skip = (sizeof(double) - (uintptr_t)memory % sizeof(double)) % sizeof(double);
-    if (size < skip || (size - skip) / sizeof(double) < (size_t)wb_size(&wideberth_core))
-        return WIDEBERTH_LITTLE_MEMORY;
+    if (size / sizeof(double) < (size_t)wb_size(&wideberth_core)) return WIDEBERTH_LITTLE_MEMORY;
     for (int k = 0; k < WIDEBERTH_KINDS; k++) { /* those of empty slots stay as they began */
         const wb_kind *kind = wideberth_core.kind + k;
         if (kind->slots * kind->own > 0)
             memcpy(task->slots[k].found, task->slots[k].begun,
                    (size_t)(N * kind->slots * kind->own) * sizeof(double));
     }
-    wb_solve(&wideberth_core, &task->settings, &task->start, &task->result, problem->stop,
-             (double *)(void *)((unsigned char *)memory + skip));
+    wb_solve(&wideberth_core, &task->settings, &task->start, &task->result, problem->stop, memory);
     result->status = (int)task->result.status, result->iterations = (int)task->result.iterations;
     result->cost = task->result.cost, result->level = task->result.level;
     result->error = task->result.error;
@@ -310,9 +298,9 @@ int wideberth_solve(const wideberth_problem *problem, void *memory, size_t size,
     if (!problem || !memory || !result) return WIDEBERTH_NULL;
     if (!begun(problem)) return WIDEBERTH_OTHER_BUILD;
     if (size < used) return WIDEBERTH_LITTLE_MEMORY;
-    wideberth_task *task = (wideberth_task *)(void *)((unsigned char *)memory + skip);
+    wideberth_task *task = (void *)((unsigned char *)memory + skip);
     wideberth_prepare(problem, result, task);
-    return wideberth_run(problem, task, (unsigned char *)memory + used, size - used, result);
+    return wideberth_run(problem, task, (void *)(task + 1), size - used, result);
 }
 
 /* ---- Comparing a plan with its problem */

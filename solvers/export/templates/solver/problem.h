@@ -39,10 +39,10 @@ typedef struct {
 void wideberth_slots(const wideberth_problem *problem, const wideberth_result *result,
     wb_slots *slots);
 
-/* Fill in a task, and solve it in `size` bytes of memory, aligned as for a double. */
+/* Fill in a task, and solve it in `size` bytes of memory. */
 void wideberth_prepare(const wideberth_problem *problem, wideberth_result *result,
     wideberth_task *task);
-int wideberth_run(const wideberth_problem *problem, wideberth_task *task, void *memory,
+int wideberth_run(const wideberth_problem *problem, wideberth_task *task, double *memory,
     size_t size, wideberth_result *result);
 
 #endif
