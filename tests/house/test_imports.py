@@ -68,9 +68,6 @@ ARROWS: dict[str, set[str]] = {
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
-    "framework/jit": {
-        "framework/numerics", "framework/plugins", "framework/programs", "framework/values",
-    },
     "framework/programs": {"framework/numerics", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
@@ -126,7 +123,6 @@ LAYERS = [
         "tracking",
         "control",
         "programs",
-        "jit",
     ),
     *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc"),
     *("mpc/planner", "mpc/diagnosis", "testing", "__init__"),
