@@ -103,7 +103,7 @@ def _prepared(problem: Problem, compiled: bool) -> CoreProblem:
             "the extension module of riccati was not built: install a C compiler, then wideberth"
         )
     kernels = build(problem)
-    tables, kept = _tables(kernels.functions, compiled)
+    tables, kept = _tables(kernels.functions, None if compiled else _core.PROGRAM)
     lower, upper = _bounds(problem)
     table = ProblemTable(
         **{name: tables[name] for name in ("drive", "node", "node_values", "level")},
@@ -134,14 +134,17 @@ def _bounds(problem: Problem) -> tuple[Array, Array]:
 
 
 def _tables(
-    functions: Mapping[str, Any], compiled: bool
+    functions: Mapping[str, Any], evaluator: int | None
 ) -> tuple[dict[str, KernelTable], list[Any]]:
-    """Stage functions as the core takes them, and what has to be kept for that."""
-    if compiled:
+    """Stage functions as the core takes them, and what has to be kept for that.
+
+    They are programs for the evaluator at this address; None: compiled C.
+    """
+    if evaluator is None:
         places = compile_once(c_source(functions), list(functions))
         return {name: KernelTable(places[name], None) for name in functions}, []
     programs = {name: Program.of(one, fused=True) for name, one in functions.items()}
-    tables = {name: KernelTable(_core.PROGRAM, one.address) for name, one in programs.items()}
+    tables = {name: KernelTable(evaluator, one.address) for name, one in programs.items()}
     return tables, list(programs.values())
 
 

@@ -159,8 +159,8 @@ def test_recorded_instances_are_solved_as_in_python(
     for row, result, worst in zip(rows, results, violations, strict=True):
         folder.is_python_s(row, result)
         parameters, _ = folder.instance(row)
-        point = folder.by_python(row).point
-        assert worst == pytest.approx(violation(folder.problem, parameters, point).worst, abs=1e-9)
+        wanted = violation(folder.problem, parameters, folder.point(result)).worst
+        assert worst == pytest.approx(wanted, abs=1e-9)
 
 
 @needs_compiler
@@ -188,8 +188,7 @@ def test_within_an_obstacle_and_turned_round(settings: dict[str, Any], tmp_path:
     for row, result, worst in zip(rows, results, violations, strict=True):
         folder.is_python_s(row, result)
         parameters, _ = folder.instance(row)
-        point = folder.by_python(row).point
-        wanted = violation(folder.problem, parameters, point).worst
+        wanted = violation(folder.problem, parameters, folder.point(result)).worst
         assert worst == pytest.approx(wanted, rel=1e-9) and wanted > 0.01
         assert result["slack"].sum() > 0.0
 
