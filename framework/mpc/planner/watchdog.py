@@ -36,7 +36,7 @@ left behind, and the plan comes from the next rung. Far more than solvers need: 
 but what would hold the loop."""
 
 COMPILING = 10.0
-"""The first use of a problem, which compiles it, may take so many times `PATIENCE`."""
+"""The first use of a problem, which builds or compiles it, may take so many times `PATIENCE`."""
 
 SAME = 2.0 / 3.0
 """Radii of the robot within which a further start leads to a plan that is known already. On the
