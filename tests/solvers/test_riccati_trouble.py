@@ -14,6 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pytest
 
+from wideberth.benchmarks.perturbations import perturb
 from wideberth.benchmarks.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -291,3 +292,11 @@ def test_the_same_bytes_for_any_number_of_workers(recorded: list[Instance]) -> N
         assert all(0.0 < one.seconds < 10.0 for one in together)
     with pytest.raises(WideberthError, match="8 parameters and 1 guesses"):
         Riccati().solve_many(problem, given[0], given[1][:1])
+
+
+def test_a_symmetric_problem_is_not_left_on_its_saddle(tmp_path: File) -> None:
+    """Exact arithmetic would stop before an obstacle that stands in the middle of the path."""
+    perturb(SAMPLE, tmp_path / "hard.npz", 10, seed=1)
+    hard = read_instances(tmp_path / "hard.npz", MahalanobisEllipse())
+    symmetric = [instance for instance in hard if instance.kind == "symmetric"]
+    assert [solved(instance).status for instance in symmetric] == 10 * [Status.SOLVED]

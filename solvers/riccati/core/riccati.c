@@ -177,9 +177,10 @@ static void start_point(core *s) {
             double value = push_inside(states[(i + 1) * n + r], lower[r], upper[r], push);
             s->v[r * wide + i + 1] = s->vn[r * wide + i] = value;
         }
-        for (int64_t r = 0; r < s->m; r++)
-            s->v[(n + r) * wide + i] =
-                push_inside(inputs[i * s->m + r], lower[n + r], upper[n + r], push);
+        for (int64_t r = 0; r < s->m; r++) {
+            double value = inputs[i * s->m + r] + WB_TILT * (double)(r + 1);
+            s->v[(n + r) * wide + i] = push_inside(value, lower[n + r], upper[n + r], push);
+        }
         for (int64_t r = 0; r < s->problem->head; r++)
             s->columns[r * wide + i] = s->start->head[i * s->problem->head + r];
     }
