@@ -14,6 +14,7 @@ from ...framework.tracking.recordings import (
     TRACK_COLUMNS,
     Recording,
     doubts,
+    is_number,
     named_columns,
     read_robot_log,
     read_rows,
@@ -174,11 +175,10 @@ def guess_kind(file: File) -> Kind:
         return "robot-log" if named == ROBOT_COLUMNS else "tracks"
     first, second = [], []
     for _, words in read_rows(file, TRACK_COLUMNS):
-        try:
-            first.append(float(words[0]))
-            second.append(float(words[1]))
-        except ValueError:  # a name, or something that the reader will refuse with its line
+        if not all(map(is_number, words[:2])):  # a name, or what the reader will refuse
             return "tracks"
+        first.append(float(words[0]))
+        second.append(float(words[1]))
     clock, other = np.array(first), np.array(second)
     rising = bool((np.diff(clock) > 0).all())
     if _fraction(clock) or (rising and _fraction(other)):

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -32,6 +33,11 @@ LONGEST_IDENTITY = 100
 """Characters."""
 LARGEST_COORDINATE = 1e8
 """m; a coordinate beyond it is no position on the earth, in whatever frame."""
+_NUMBER = re.compile(
+    r"[-+]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[-+]?[0-9]+)?|inf|infinity|nan)", re.IGNORECASE
+)
+"""Numbers as all software reads them; Python's own grammar has ``1_5`` and other scripts too."""
+_WHOLE = re.compile(r"(-?[0-9]+)\.0*")
 
 _OF_TIMES = "of a time in s write round(time / dt) as the frame"
 TRACK_COLUMNS = ("frame", "id", "x", "y")
@@ -81,7 +87,7 @@ def _seems_header(line: str, words: list[str], count: int) -> bool:
 
     In a comment one of them must be a known name; otherwise it is prose.
     """
-    if len(words) != count or any(map(_is_number, words)):  # rows of another length are refused
+    if len(words) != count or any(map(is_number, words)):  # rows of another length are refused
         return False
     prose = line.lstrip().startswith("#")
     return not prose or any(_SMALL.sub("", word) in _NAMES for word in words)
@@ -165,12 +171,9 @@ def _text(path: Path, columns: tuple[str, ...]) -> str:
 
 def number(word: str, name: str, path: str | Path, line: int) -> float:
     """Turn one word into a finite number."""
-    try:
-        value = float(word)
-    except ValueError:
-        raise WideberthError(
-            f"{path}, line {line}: {name} is {short(word, 40)}; wanted a number"
-        ) from None
+    if not is_number(word):
+        raise WideberthError(f"{path}, line {line}: {name} is {short(word, 40)}; wanted a number")
+    value = float(word)
     if not np.isfinite(value):
         raise WideberthError(
             f"{path}, line {line}: {name} is {word[:40]}; leave a row out where nothing was seen"
@@ -188,15 +191,9 @@ def read_samples(path: Path) -> tuple[Samples, set[str]]:
     shared: set[str] = set()
     seen: dict[tuple[str, int], Sample] = {}
     for line, words in read_rows(path, TRACK_COLUMNS):
-        frame = number(words[0], "frame", path, line)
-        if frame != round(frame):
-            raise WideberthError(
-                f"{path}, line {line}: frame is {words[0][:40]}; wanted a whole number: "
-                f"{_OF_TIMES} (a robot log of `time x y theta` is read by read_robot_log)"
-            )
-        ident = _identity(words[1], path, line)
+        frame, ident = _frame(words[0], path, line), _identity(words[1], path, line)
         x, y = (number(words[i], TRACK_COLUMNS[i], path, line) for i in (2, 3))
-        key = (ident, round(frame))
+        key = (ident, frame)
         if key in seen and seen[key][1:3] == (x, y):
             raise WideberthError(
                 f"{path}, line {line} repeats frame {key[1]} of id {ident} (line {seen[key][3]}); "
@@ -234,11 +231,13 @@ def _assigned(
         return samples, ()
     named = {ident: rows for ident, rows in samples.items() if ident not in shared}
     unnamed = sorted(row for ident in shared for row in samples[ident])
-    identities, tracks = Identities(DEVIATION), Samples()
+    identities, tracks, first = Identities(DEVIATION), Samples(), unnamed[0][0]
     for frame, group in groupby(unnamed, key=lambda row: row[0]):
         rows = list(group)
         places = np.array([row[1:3] for row in rows])
-        for row, obstacle in zip(rows, identities.named(seconds * frame, places), strict=True):
+        for row, obstacle in zip(
+            rows, identities.named(seconds * (frame - first), places), strict=True
+        ):
             tracks.setdefault(f"#{obstacle.ident}", []).append(row)
     listed = ", ".join(sorted(shared)[:3]) + ", ..." * (len(shared) > 3)
     note = (
@@ -250,34 +249,38 @@ def _assigned(
 
 def _is_fraction(word: str) -> bool:
     """Whether a word is a number that is not whole."""
-    if not _is_number(word) or not np.isfinite(float(word)):
+    if not is_number(word) or not np.isfinite(float(word)):
         return False
     return float(word) != round(float(word))
 
 
-def _is_number(word: str) -> bool:
+def is_number(word: str) -> bool:
     """Whether a word is a number, perhaps NaN or infinite."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return _NUMBER.fullmatch(word) is not None
+
+
+def _frame(word: str, path: Path, line: int) -> int:
+    """Return the number of a frame, to its last digit."""
+    value = number(word, "frame", path, line)
+    exact = Decimal(word if value else 0)
+    if exact != int(exact):
+        raise WideberthError(
+            f"{path}, line {line}: frame is {word[:40]}; wanted a whole number: "
+            f"{_OF_TIMES} (a robot log of `time x y theta` is read by read_robot_log)"
+        )
+    return int(exact)
 
 
 def _identity(word: str, path: Path, line: int) -> str:
-    """Return an identity as text; 7.0 and 7 are the same."""
-    try:
-        value = float(word)
-    except ValueError:
-        if len(word) > LONGEST_IDENTITY:
-            raise WideberthError(
-                f"{path}, line {line}: id has {len(word)} characters; wanted at most "
-                f"{LONGEST_IDENTITY}"
-            ) from None
-        return word
-    if not np.isfinite(value):
+    """Return an identity as it is written; only 7.0 and 7 are the same."""
+    if len(word) > LONGEST_IDENTITY:
+        raise WideberthError(
+            f"{path}, line {line}: id has {len(word)} characters; wanted at most "
+            f"{LONGEST_IDENTITY}"
+        )
+    if is_number(word) and word[-1].isalpha():
         raise WideberthError(f"{path}, line {line}: id is {word[:40]}; wanted a name or a number")
-    return str(round(value)) if value == round(value) else word
+    return found[1] if (found := _WHOLE.fullmatch(word)) else word
 
 
 OFF_GRID = 1e-6

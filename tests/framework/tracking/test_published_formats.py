@@ -282,6 +282,8 @@ def pedestrian(**box: Any) -> dict[str, Any]:
             r"\[1, 2, 3, 4\], in pixels; give the file of labels_3d",
         ),
         ({"labels": {"0.pcd": [pedestrian(), pedestrian()]}}, r"'pedestrian:1' is there twice"),
+        ({"labels": {"07.pcd": [], "7.pcd": []}}, r"frame 7 is there twice; remove one of them"),
+        ({"labels": {"\u0667.pcd": []}}, r"named '.*\.pcd'; wanted a number"),
         ({"labels": {"0.pcd": [pedestrian(cx="a")]}}, r"'a' stands where a number cx was wanted"),
         (
             {"labels": {"0.pcd": [pedestrian(cx=1e300)]}},

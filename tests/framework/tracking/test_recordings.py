@@ -382,3 +382,51 @@ def test_an_identity_of_several_tracks_in_a_frame_names_none(tmp_path: Path, ide
     assert sorted(off.argmin(axis=1)) == [0, 1, 2, 3, 4] and off.min(axis=1).max() < 1e-6
     (note,) = [text for text in recording.notes if "identities" in text]
     assert f"({ident})" in note and "80 rows are assigned to 4 tracks" in note
+
+
+@pytest.mark.parametrize(
+    "ids",
+    [
+        ("1_23", "12_3"),
+        ("1e3", "1000"),
+        ("007", "7"),
+        ("9007199254740993", "9007199254740992"),
+        ("\u0663", "3"),
+        ("+1", "1"),
+    ],
+)
+def test_identities_are_text(tmp_path: Path, ids: tuple[str, str]) -> None:
+    text = "".join(f"{k} {name} {k} {n}\n" for n, name in enumerate(ids) for k in range(10))
+    recording = read_tracks(write(tmp_path, text), dt=0.4)
+    assert recording.ids == ids and recording.positions[:, 0, 1].tolist() == [0.0, 1.0]
+
+
+def test_frames_keep_their_last_digit(tmp_path: Path) -> None:
+    """Stamps in ns need more digits than a float has."""
+    first = 1_700_000_000_000_000_001
+    for step in (400_000_000, 3):
+        text = "".join(f"{first + step * k} a {k} 0\n" for k in range(12))
+        recording = read_tracks(write(tmp_path, text), dt=0.4)
+        assert recording.positions.shape == (1, 12, 2) and recording.usable == ("a",)
+    assert read_tracks(write(tmp_path, "7.8e+02 1.0 2 3"), dt=0.4).ids == ("1",)
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("0 a 1_5 3", "line 1: x is '1_5'; wanted a number"),
+        ("0 a 2 \u0663", "line 1: y is '\u0663'; wanted a number"),
+        ("0 a 2 0x1", "line 1: y is '0x1'; wanted a number"),
+        ("1_0 a 2 3", "line 1: frame is '1_0'; wanted a number"),
+        ("1000000000000000000.5 a 2 3", "line 1: frame is .*; wanted a whole number"),
+    ],
+)
+def test_numbers_have_the_plain_grammar(tmp_path: Path, row: str, said: str) -> None:
+    with pytest.raises(WideberthError, match=said):
+        read_tracks(write(tmp_path, row), dt=0.4)
+
+
+@pytest.mark.parametrize("row", ["0 1_5 2 3", "0 \u0663 2 3", "1_0 1 2 3"])
+def test_robot_logs_have_the_plain_grammar(tmp_path: Path, row: str) -> None:
+    with pytest.raises(WideberthError, match=r"line 1: (x|time) is .*; wanted a number"):
+        read_robot_log(write(tmp_path, row), 0.1)
