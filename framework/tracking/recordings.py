@@ -1,7 +1,8 @@
 """Readers of recorded tracks and robot logs in plain text."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
@@ -39,10 +40,12 @@ _NUMBER = re.compile(
 """Numbers as all software reads them; Python's own grammar has ``1_5`` and other scripts too."""
 _WHOLE = re.compile(r"(-?[0-9]+)\.0*")
 
-_OF_TIMES = "of a time in s write round(time / dt) as the frame"
 TRACK_COLUMNS = ("frame", "id", "x", "y")
+TIMED_COLUMNS = ("id", "time", "x", "y")
 ROBOT_COLUMNS = ("time", "x", "y", "theta")
-
+_OF_TIMES = "above rows with times in s write the columns' names, such as `id,time,x,y`"
+UNEVEN = 1.5
+"""Usual times between samples that make a gap."""
 
 _MEANINGS = {
     "frame": ("frame", "frames", "frame_id", "frame_number"),
@@ -109,11 +112,9 @@ def _is_header(line: str, place: str, columns: tuple[str, ...]) -> bool:
             f"{place}: header not understood: names {short(' '.join(words), 80)}; wanted "
             f"`{' '.join(columns)}` in metres (a comma or blanks between)"
         )
-    cure = "write the columns in this order"
-    if "time" in named and "frame" in columns:
-        cure = f"{_OF_TIMES}, and {cure}"
     raise WideberthError(
-        f"{place} names the columns `{' '.join(named)}`; wanted `{' '.join(columns)}`: {cure}"
+        f"{place} names the columns `{' '.join(named)}`; wanted `{' '.join(columns)}`: write the "
+        "columns in this order"
     )
 
 
@@ -213,7 +214,7 @@ def read_samples(path: Path) -> tuple[Samples, set[str]]:
     if timed and (shared or len({frame for _, frame in seen}) < len(seen)):
         raise WideberthError(
             f"{path}: the columns seem to be `id time x y`, since the second holds {timed[0]} and "
-            f"the first repeats; wanted `{' '.join(TRACK_COLUMNS)}`: {_OF_TIMES}, and put it first"
+            f"the first repeats; wanted `{' '.join(TRACK_COLUMNS)}`: {_OF_TIMES}"
         )
     return samples, shared
 
@@ -422,11 +423,11 @@ def usual_speed(recordings: Sequence[Recording]) -> float:
     fifth of the speed that one sample in a hundred exceeds.
     """
     parts = [
-        np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt
+        step[np.isfinite(step)] / one.dt
         for one in recordings
+        for step in (np.linalg.norm(np.diff(track, axis=0), axis=1) for track in one.positions)
     ]
     speeds = np.concatenate(parts)
-    speeds = speeds[np.isfinite(speeds)]
     if not speeds.size:
         return float("nan")
     moving = speeds[speeds > min(STOOD, SLOW * float(np.quantile(speeds, 0.99)))]
@@ -454,34 +455,41 @@ def gridded(
     Parameters
     ----------
     times : s, by identity, on one clock; of samples at the same time the first counts.
-    places : of each (T, D), m.
+    places : of each (T, D), m; a sample that is not finite was not seen.
     dt, bridge, minimum_samples, longest_gap : as in `read_robot_log`.
     notes : of the recording.
 
     Raises
     ------
-    WideberthError : numbers that are not above 0, or more than `MOST_CELLS` samples.
+    WideberthError : numbers that are not above 0, more than `MOST_CELLS` samples, or none.
     """
     positive("dt", dt)
     positive("bridge", bridge)
     whole("minimum_samples", minimum_samples)
     positive("longest_gap", longest_gap)
-    clocks, tracks = [], []
-    for ident, own in times.items():
-        clock, first = np.unique(np.array(own), return_index=True)
-        clocks.append(clock)
-        tracks.append(np.array(places[ident])[first])
-    start, end = min(one[0] for one in clocks), max(one[-1] for one in clocks)
+    clocks, tracks = dict[str, Array](), dict[str, Array]()
+    for ident, stamps in times.items():
+        track = np.array(places[ident], dtype=np.float64)
+        seen = np.isfinite(track).all(axis=-1)
+        clock, first = np.unique(np.array(stamps)[seen], return_index=True)
+        if clock.size:
+            clocks[ident], tracks[ident] = clock, track[seen][first]
+    if not clocks:
+        raise WideberthError(f"none of {', '.join(times) or 'no tracks'} is ever seen")
+    notes = [*notes, *(f"never seen: {ident}" for ident in times if ident not in clocks)]
+    start = min(clock[0] for clock in clocks.values())
+    end = max(clock[-1] for clock in clocks.values())
     rows = (end - start) / dt + 1.0
     if rows * len(clocks) > MOST_CELLS:
         raise WideberthError(
             f"{len(clocks)} tracks over {end - start:g} s in steps of {dt:g} s are more than "
-            f"{MOST_CELLS} samples; choose a longer dt"
+            f"{MOST_CELLS} samples; are the times in s? If so, choose a longer dt, or split the "
+            "recording in time"
         )
     grid = start + dt * np.arange(int(rows + OFF_GRID))
-    positions = interpolated(clocks, tracks, grid, bridge, OFF_GRID)
+    positions = interpolated([*clocks.values()], [*tracks.values()], grid, bridge, OFF_GRID)
     reasons = tuple(unusable(track, dt, minimum_samples, longest_gap) for track in positions)
-    return Recording(dt, grid, tuple(times), positions, reasons, tuple(notes))
+    return Recording(dt, grid, tuple(clocks), positions, reasons, tuple(notes))
 
 
 def read_tracks(
@@ -494,20 +502,25 @@ def read_tracks(
 ) -> Recording:
     """Read rows ``frame id x y``, separated by white space or commas.
 
+    Where a header names ``id``, ``time``, ``x`` and ``y``, in any order, the rows have times in s
+    instead of frames, at any rate. They are resampled to ``dt`` along straight lines, across gaps
+    of at most `UNEVEN` usual times between samples or `UNEVEN` dt, whichever is longer.
+
     Parameters
     ----------
     path : text file; ``#`` starts a comment. Rows may be sorted by frame or by identity,
         but frames must increase within each track.
-    dt : s between rows. It cannot be read from the file: the frame rate of the video is
-        not in it (one published copy of the ETH data is 0.667 s, not the usual 0.4 s).
-    frames_per_row : frame numbers between rows; by default the smallest step within a track.
+    dt : s between rows. It cannot be read from frames: the frame rate of the video is
+        not in the file (one published copy of the ETH data is 0.667 s, not the usual 0.4 s).
+    frames_per_row : frame numbers between rows; by default the most frequent step within a track,
+        of equally frequent ones the smallest.
     minimum_samples : a track is usable if a stretch of it has this many samples; 8 is the
         observed part of the usual benchmark.
     longest_gap : s; a longer one ends a stretch.
 
     A track whose frames are not whole steps from the others' is shifted to the nearest row
     (at most half a step), which keeps its motion as it was; the notes tell. A sample that
-    is not a whole number of steps from its own track's start is left out. An identity that one
+    is not a whole number of steps from most others of its track is left out. An identity that one
     frame has at several places names no track: its rows are assigned to tracks "#1", "#2", and so
     on by their positions, see `Identities`; the notes tell.
 
@@ -521,6 +534,9 @@ def read_tracks(
     positive("longest_gap", longest_gap)
     if frames_per_row is not None:
         whole("frames_per_row", frames_per_row)
+    columns = named_columns(Path(path))
+    if sorted(columns) == sorted(TIMED_COLUMNS):
+        return _read_timed(Path(path), columns, dt, minimum_samples, longest_gap)
     samples, shared = read_samples(Path(path))
     step = frames_per_row or _frame_step(samples)
     samples, assigned = _assigned(samples, shared, dt / step)
@@ -635,41 +651,84 @@ def _seem_timed_tracks(rows: list[list[float]]) -> bool:
     return fractions == [True, False]
 
 
+def _read_timed(
+    path: Path, columns: tuple[str, ...], dt: float, minimum_samples: int, longest_gap: float
+) -> Recording:
+    """Read rows with an identity and a time in s, and resample them; see `read_tracks`."""
+    lines: dict[tuple[str, float], int] = {}
+    times: dict[str, list[float]] = {}
+    places: dict[str, list[tuple[float, float]]] = {}
+    for line, words in read_rows(path, columns):
+        cells = dict(zip(columns, words, strict=True))
+        ident = _identity(cells["id"], path, line)
+        time, x, y = (number(cells[name], name, path, line) for name in ("time", "x", "y"))
+        before = lines.setdefault((ident, time), line)
+        if before != line:
+            raise WideberthError(
+                f"{path}, line {line} repeats time {cells['time']} of id {ident} (line {before}); "
+                "remove one of them"
+            )
+        times.setdefault(ident, []).append(time)
+        places.setdefault(ident, []).append((x, y))
+    steps = np.concatenate([np.diff(np.sort(stamps)) for stamps in times.values()])
+    period = float(np.median(steps)) if steps.size else dt
+    bridge = UNEVEN * max(dt, period)
+    note = f"resampled from {period:.3g} s to {dt:g} s, across gaps of up to {bridge:.3g} s"
+    try:
+        return gridded(
+            times, places, dt, bridge=bridge, minimum_samples=minimum_samples,
+            longest_gap=longest_gap, notes=[note],
+        )  # fmt: skip
+    except WideberthError as error:
+        raise WideberthError(f"{path}: {error}") from None
+
+
 def _on_grid(
     samples: Samples, step: int, dt: float, path: str | Path
 ) -> tuple[Array, tuple[str, ...]]:
     """Put samples into rows, (O, T, 2), and say what did not fit."""
-    first = min(rows[0][0] for rows in samples.values())
-    last = max(rows[-1][0] for rows in samples.values())
-    count = -((first - last) // step) + 1
+    usual = _most_frequent(row[0] % step for rows in samples.values() for row in rows)
+    placed: list[list[tuple[int, Sample]]] = []
+    odd: list[str] = []
+    shifts: list[float] = []
+    for ident, rows in samples.items():
+        phase = _most_frequent(row[0] % step for row in rows)
+        offset = (phase - usual + step // 2) % step - step // 2
+        shifts.append(abs(offset) / step * dt)
+        odd += [f"{ident} at {row[0]}" for row in rows if row[0] % step != phase]
+        placed.append([((row[0] - offset) // step, row) for row in rows if row[0] % step == phase])
+    first = min(rows[0][0] for rows in placed)
+    count = max(rows[-1][0] for rows in placed) - first + 1
     if count * len(samples) > MOST_CELLS:
         raise WideberthError(
-            f"{path}: frames {first} to {last} in steps of {step} are {count} rows for "
-            f"{len(samples)} tracks; state frames_per_row"
+            f"{path}: in steps of {step} frames there are {count} rows for {len(samples)} tracks, "
+            f"more than {MOST_CELLS} samples: state frames_per_row if it is another, else split "
+            "the file in time"
         )
     positions = np.full((len(samples), count, 2), np.nan)
-    shifted, dropped, largest = 0, 0, 0.0
-    for track, rows in zip(positions, samples.values(), strict=True):
-        start = round((rows[0][0] - first) / step)
-        shift = abs((rows[0][0] - first) / step - start)
-        shifted += shift > OFF_GRID
-        largest = max(largest, shift * dt)
-        for frame, x, y, _ in rows:
-            steps, rest = divmod(frame - rows[0][0], step)
-            if rest:
-                dropped += 1
-            else:
-                track[start + steps] = x, y
+    for track, rows in zip(positions, placed, strict=True):
+        for row, (_, x, y, _) in rows:
+            track[row - first] = x, y
     notes = [f"frames per row: {step}"]
-    if shifted:
-        notes.append(f"{shifted} tracks shifted in time to the grid, by up to {largest:.3g} s")
-    if dropped:
-        notes.append(f"{dropped} samples left out: not a whole number of steps from their start")
+    if any(shifts):
+        shifted = sum(shift > 0.0 for shift in shifts)
+        notes.append(f"{shifted} tracks shifted in time to the grid, by up to {max(shifts):.3g} s")
+    if odd:
+        listed = ", ".join(odd[:3]) + ", ..." * (len(odd) > 3)
+        notes.append(
+            f"{len(odd)} samples left out: not a whole number of steps from the others of their "
+            f"track: {listed}"
+        )
     return positions, tuple(notes)
 
 
+def _most_frequent(values: Iterable[int]) -> int:
+    """Return the most frequent number; of equally frequent ones the first."""
+    return Counter(values).most_common(1)[0][0]
+
+
 def _frame_step(samples: Samples) -> int:
-    """Return the smallest frame step within a track; across tracks if all have one sample."""
+    """Return the most frequent frame step within a track; across them if all have one sample."""
     steps = [
         after[0] - before[0]
         for rows in samples.values()
@@ -679,7 +738,7 @@ def _frame_step(samples: Samples) -> int:
     if not steps:
         frames = sorted({row[0] for rows in samples.values() for row in rows})
         steps = [b - a for a, b in pairwise(frames)]
-    return min(steps, default=1)
+    return _most_frequent(sorted(steps)) if steps else 1
 
 
 def unusable(track: Array, dt: float, minimum: int, longest_gap: float) -> str | None:

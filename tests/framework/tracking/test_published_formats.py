@@ -392,6 +392,22 @@ def test_a_scene_of_trajdata_is_read_as_it_is(scenes: dict[str, Array]) -> None:
     assert found.notes == ("left out: 1 agents that are not people",)
 
 
+def test_rows_of_trajdata_without_a_place_are_gaps(scenes: dict[str, Array]) -> None:
+    """Their neighbours stay as they are, and a person who has no other rows is named."""
+    whole = read(scene=1).positions
+    scenes["a"][8:10] = np.nan
+    scenes["a"][15, 1] = np.inf
+    found = read(scene=1)
+    assert np.flatnonzero(np.isnan(found.positions[0]).any(axis=1)).tolist() == [8, 9, 15]
+    seen = np.isfinite(found.positions)
+    np.testing.assert_array_equal(found.positions[seen], whole[seen])
+    scenes["b"][:] = np.nan
+    assert read(scene=1).ids == ("a",) and "never seen: b" in read(scene=1).notes
+    scenes["a"][:] = np.nan
+    with pytest.raises(WideberthError, match="none of a, b is ever seen"):
+        read(scene=1)
+
+
 def test_what_trajdata_cannot_give(scenes: dict[str, Array]) -> None:
     with pytest.raises(WideberthError, match=r"scene is 2; 'eupeds_eth-train' has scenes 0 to 1"):
         read(scene=2)
