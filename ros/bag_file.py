@@ -10,6 +10,12 @@ from .mcap_recovery import check_chunks, recovered_messages
 from .ros_extra import needed
 
 SUFFIXES = (".mcap", ".db3")
+NO_SCHEMA = "__schemaless__"
+"""Type that rosbags gives a channel whose schema the summary of an MCAP file lacks."""
+
+
+class _IncompleteSummary(WideberthError):
+    """The summary of a sound MCAP file, which need not repeat all, does not name all messages."""
 
 
 class RawTopic(NamedTuple):
@@ -104,11 +110,13 @@ def _part(file: Path, wanted: frozenset[str]) -> RawBag:
     """Read one file, as far as it goes."""
     try:
         return _whole(file, wanted)
+    except _IncompleteSummary:
+        return _scanned(file, wanted, "lacks messages in its summary; all {} are read")
     except Exception as error:  # see above
         reason = short(str(error), 120)
     if file.suffix != ".mcap":
         return RawBag((), (), (f"{file.name} cannot be read: {reason}",))
-    return _recovered(file, wanted)
+    return _scanned(file, wanted, "is damaged; the {} messages before the damage are read")
 
 
 def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
@@ -130,11 +138,17 @@ def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
             RawMessage(place[id(one)], one.msgdef.data, received, bytes(data))
             for one, received, data in found
         )
+        total = reader.message_count
+    if any(file.suffix == ".mcap" for file in storage_files(path)):
+        listed = sum(one.size for one in topics)
+        indexed = sum(one.size for one in topics if one.kind in wanted)
+        if total > listed or indexed > len(rows) or any(one.kind == NO_SCHEMA for one in topics):
+            raise _IncompleteSummary("the summary of an MCAP file does not name all messages")
     return RawBag(topics, rows, ())
 
 
-def _recovered(file: Path, wanted: frozenset[str]) -> RawBag:
-    """Read what is in front of the damage of an MCAP file."""
+def _scanned(file: Path, wanted: frozenset[str], remark: str) -> RawBag:
+    """Read an MCAP file record by record, up to its end or to where it is damaged."""
     place: dict[int, int] = {}
     topics: list[RawTopic] = []
     rows = []
@@ -151,7 +165,7 @@ def _recovered(file: Path, wanted: frozenset[str]) -> RawBag:
     except WideberthError as error:
         reason = f": {error}"
     total = sum(one.size for one in topics)
-    note = f"{file.name} is damaged; the {total} messages before the damage are read{reason}"
+    note = f"{file.name} {remark.format(total)}{reason}"
     return RawBag(tuple(topics), tuple(rows), (note,))
 
 
