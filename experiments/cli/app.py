@@ -340,6 +340,10 @@ def check(
     from ..engine.progress import working
     from .fitting import read_plugin
 
+    if room in ("study", "studies", "experiment", "experiments"):
+        raise WideberthError(
+            f"studies have no contract check; `wideberth run {target} --quick` tries one"
+        )
     kind = room_name(room).removesuffix("s")
     checks = [name.removeprefix("check_") for name in testing.CHECKS]
     if kind not in checks:
