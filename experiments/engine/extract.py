@@ -18,6 +18,7 @@ from .csv_tables import Row, read_table
 from .inside import inside
 from .text_tables import (
     UNKNOWN,
+    column_named,
     columns_of,
     format_cell,
     has_words,
@@ -60,7 +61,7 @@ def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()
     Parameters
     ----------
     folder : of a finished run.
-    columns : names, in the order in which they are wanted.
+    columns : names or printed headings, in the order in which they are wanted.
     pivot : the column that names the lines, the one that names the columns, and the measure
         that fills the cells. Of several lines for one cell the mean is taken.
 
@@ -76,7 +77,7 @@ def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()
             "the columns, and the measure, as in predictor,region,clearance_min_m"
         )
     wanted = list(columns or pivot)
-    name, rows = _table_with(folder, wanted)
+    name, rows, wanted = _table_with(folder, wanted)
     study = study_of(folder)
     if pivot:
         return _pivoted(name, rows, wanted, wanted[2] in shares(study, wanted))
@@ -136,17 +137,18 @@ def answering(study: str, rows: Sequence[Row]) -> list[str]:
     return main_columns(rows, printed)
 
 
-def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
-    """Return the first table that has all these columns, and its name."""
+def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row], list[str]]:
+    """Return the first table that has all columns, by name or heading; its name, and theirs."""
     known: list[str] = []
     for name in ("summary.csv", "table.csv", "times.csv"):
         path = inside(folder, name)
         rows = read_table(path) if path.is_file() else []
-        if rows and set(wanted) <= set(rows[0]):
-            return name, rows
+        columns = [column_named(text, rows[0] if rows else ()) for text in wanted]
+        if rows and all(columns):
+            return name, rows, columns
         known += columns_of(rows)
     for column in wanted:
-        if column not in known:
+        if not column_named(column, known):
             near = nearest(column, known) or ";"
             raise WideberthError(
                 f"unknown column {short(column)}{near} `wideberth show {folder} --columns all` "

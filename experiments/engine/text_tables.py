@@ -1,7 +1,7 @@
 """Tables of results as text: in a terminal that they fit, and as Markdown."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,19 @@ def headed(column: str, share: bool = False) -> str:
     if words and last in UNITS:
         return f"{' '.join(words)} ({UNITS[last]})"
     return " ".join([*words, last])
+
+
+def column_named(text: str, columns: Iterable[str]) -> str:
+    """Return the column that a name means, or a printed heading; "" for none.
+
+    Examples
+    --------
+    >>> column_named("time mean (s)", ["success", "time_mean_s"])
+    'time_mean_s'
+    """
+    columns, words = list(columns), " ".join(text.split())
+    headings = (name for name in columns if words in (headed(name), headed(name, share=True)))
+    return text if text in columns else next(headings, "")
 
 
 def with_unit(column: str, value: Any, form: str = ".4g") -> str:
