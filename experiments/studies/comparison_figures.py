@@ -224,7 +224,9 @@ def _difference(panel: Any, place: float, own: Sequence[Row], base: Sequence[Row
         panel.plot(found["time_difference_s"], place, "D", color="black", markersize=3)
     count = f"{found['only_this']} to {found['only_baseline']}"
     chance = number(found["p_success"], ".2g")
-    alone = f"both arrived: {len(known)}; one alone: {count}, p = {chance}"
+    alone = f"both arrived: {len(known)}; one alone: {count}, McNemar p = {chance}"
+    if len(known):
+        alone += f"; times: Wilcoxon p = {number(found['p_time'], '.2g')}"
     panel.annotate(
         alone, (1.0, place), xycoords=("axes fraction", "data"), xytext=(-2, 3),
         textcoords="offset points", ha="right", va="bottom", fontsize=5.5,

@@ -87,7 +87,7 @@ def test_columns_and_pivots(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     assert not shown(folder, "--pivot", pivot, "--latex")
     out = capsys.readouterr().out
     assert r" & \multicolumn{2}{c}{clearance min (m)} \\" in out
-    assert r"predictor & disc & box\_1 \\" in out and r"var & 0.5 & -0.75 \\" in out
+    assert r"predictor & disc & box\_1 \\" in out and r"var & 0.5 & $-$0.75 \\" in out
     assert not shown(folder, "--columns", "predictor,extra_time,gave_way", "--latex")
     out = capsys.readouterr().out  # unknown and endless numbers
     assert r"kalman & -- &  \\" in out and r"var & $\infty$ &  \\" in out
