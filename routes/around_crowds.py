@@ -302,7 +302,7 @@ class AroundCrowds(Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
         path, memory = checked_path(self.robot, path), self._memory
-        memory.path, memory.progress = path, PathProgress(path)
+        memory.path, memory.progress = path, (memory.progress or PathProgress(path)).on(path)
         memory.looked, memory.away, memory.note = -np.inf, False, ""
         self.controller.set_path(path)
 

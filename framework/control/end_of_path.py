@@ -82,9 +82,8 @@ class Approach:
         place, speed = np.array(pose.position, dtype=np.float64), hypot(*twist.linear)
         if not speed or not (np.abs(place) <= FARTHEST).all():
             return twist
-        if self._progress is None or self._progress.path is not path:
-            self._progress = PathProgress(path)
-        self._progress, arc = self._progress.advanced(place)
+        before = self._progress or PathProgress(path)
+        self._progress, arc = before.on(path).advanced(place)
         away, left = path.goal - place, path.length - arc
         apart = hypot(*away)
         most = sqrt(2.0 * self._braking * max(apart, left))
@@ -122,11 +121,9 @@ class Arrival:
         if not (np.abs(place) <= FARTHEST).all():
             self.there = False
             return False
-        if self._progress is None or self._progress.path is not path:
-            old = path if self._progress is None else self._progress.path
-            self.there = self.there and float(np.linalg.norm(path.goal - old.goal)) <= SHIFT
-            self._progress = PathProgress(path)
-        self._progress, arc = self._progress.advanced(place)
+        before = self._progress or PathProgress(path)
+        self.there = self.there and float(np.linalg.norm(path.goal - before.path.goal)) <= SHIFT
+        self._progress, arc = before.on(path).advanced(place)
         distance = float(np.linalg.norm(path.goal - place))
         near = distance <= (1.0 + self.there) * self._tolerance
         self.there = near and path.length - arc <= LEFT

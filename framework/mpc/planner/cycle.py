@@ -318,7 +318,8 @@ def _on_course(
     start = _delayed(settings, state, observation.stamp, observation.state)
     start = within_bounds(robot, start)
     place = _place(robot, start)
-    progress, arc = checked_ready(state.progress).advanced(place)
+    ahead = settings.reference_speed * settings.horizon * settings.dt
+    progress, arc = checked_ready(state.progress).advanced(place, ahead)
     reference = settings.cost.lay(
         progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
     )

@@ -15,7 +15,7 @@ static double left_of(struct path *path, int who, const double *place, double *a
 {
     const double *goal = path->at[path->count - 1];
     away[0] = goal[0] - place[0], away[1] = goal[1] - place[1];
-    return path->arc[path->count - 1] - wb_progressed(path, &path->progress[who], place, 0.0);
+    return path->arc[path->count - 1] - wb_progressed(path, &path->progress[who], place);
 }
 
 int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
@@ -48,9 +48,8 @@ int wideberth_planner_arrived(wideberth_planner *planner, const double *place, d
     if (!planner || !place || planner->build != WIDEBERTH_BUILD || !planner->path.count) return 0;
     path = &planner->path, goal = path->at[path->count - 1];
     if (!computable(place)) return path->there = 0;
-    if (!path->progress[ARRIVAL].begun)
-        path->there = path->there
-            && hypot(goal[0] - path->goal[0], goal[1] - path->goal[1]) <= PLAN_END_SHIFT;
+    path->there = path->there
+        && hypot(goal[0] - path->goal[0], goal[1] - path->goal[1]) <= PLAN_END_SHIFT;
     memcpy(path->goal, goal, sizeof(path->goal));
     left = left_of(path, ARRIVAL, place, away);
     path->there = hypot(away[0], away[1]) <= (1.0 + path->there) * tolerance

@@ -223,8 +223,9 @@ struct scratch {
 };
 
 struct progress { /* how far along the path the robot has come, and where it was then */
-    int begun;
-    double last, where[2];
+    int begun, grown; /* whether there was a call, and whether the arc length has grown since */
+    int waited;       /* calls since it has grown beyond `farthest` */
+    double last, where[2], farthest, begin; /* the search does not go behind `begin` */
 };
 
 enum { REFERENCE, APPROACH, ARRIVAL, PROGRESSES }; /* who follows it along the path */
@@ -233,7 +234,6 @@ struct path {
     int count;
     double at[POINTS][2], arc[POINTS];
     struct progress progress[PROGRESSES];
-    int waited; /* calls since the arc length of the reference has grown */
     int there;  /* whether the robot was at the path's end */
     double goal[2]; /* where that was */
 };
@@ -256,8 +256,7 @@ struct wideberth_planner {
 /* Fill the problem of one decision; the first starting point is written to `first`. */
 void wb_fill(struct wideberth_planner *planner, const wideberth_observation *seen,
     const double *start, double arc, struct point *first);
-double wb_progressed(const struct path *path, struct progress *progress, const double *place,
-    double farther);
+double wb_progressed(const struct path *path, struct progress *progress, const double *place);
 double wb_advanced(struct path *path, const double *place);
 void wb_lay(const struct path *path, double arc, wideberth_problem *problem);
 

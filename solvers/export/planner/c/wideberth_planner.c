@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#define SAME_PATH 0.1 /* m; a path whose points are no farther from the last one's has only moved */
+
 static const char *const STATUSES[WIDEBERTH_PLAN_STATUSES] = {
     "a plan was made",
     "an argument is NULL",
@@ -74,7 +76,7 @@ void wideberth_planner_reset(wideberth_planner *planner)
 int wideberth_planner_set_path(wideberth_planner *planner, const double (*points)[2], int count)
 {
     struct path *path;
-    int k, kept = 0;
+    int k, kept = 0, same = 1;
     if (!planner || !points) return WIDEBERTH_PLAN_NULL;
     if (!begun(planner)) return WIDEBERTH_PLAN_OTHER_BUILD;
     if (count < 2 || count > POINTS) return WIDEBERTH_PLAN_PATH;
@@ -93,10 +95,12 @@ int wideberth_planner_set_path(wideberth_planner *planner, const double (*points
             if (length == 0.0) continue;
         }
         path->arc[kept] = last ? path->arc[kept - 1] + length : 0.0;
+        same = same && kept < path->count && fabs(points[k][0] - path->at[kept][0]) <= SAME_PATH
+            && fabs(points[k][1] - path->at[kept][1]) <= SAME_PATH;
         memcpy(path->at[kept++], points[k], sizeof(path->at[0]));
     }
+    if (!same || path->count != kept) memset(path->progress, 0, sizeof(path->progress));
     path->count = kept;
-    memset(path->progress, 0, sizeof(path->progress));
     return WIDEBERTH_PLANNED;
 }
 
