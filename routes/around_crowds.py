@@ -294,7 +294,7 @@ class AroundCrowds(Controller):
     def reset(self) -> None:
         """Forget everything but settings and path."""
         memory = self._memory
-        memory.crowd, memory.looked, memory.note = None, -np.inf, ""
+        memory.progress, memory.crowd, memory.looked, memory.note = None, None, -np.inf, ""
         self.controller.reset()
         if memory.path is not None:
             self.set_path(memory.path)

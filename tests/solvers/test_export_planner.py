@@ -182,6 +182,29 @@ def test_a_path_back_over_itself_that_comes_again_is_followed_as_in_python(
     assert np.linalg.norm(state[:2]) < 0.15
 
 
+@needs_compiler
+def test_somebody_on_the_goal_is_waited_for_as_in_python(cases: dict[str, Case]) -> None:
+    made, exported = cases["crowds"].planner, cases["crowds"].library
+    points = np.array([(0.0, 0.0), (3.0, 0.0)])
+    made.reset()
+    made.set_path(Way(points))
+    exported.code.wideberth_planner_reset(exported.planner)
+    assert exported.follow(points) == 0
+    state, driven, turned = np.zeros(len(made.robot.states)), [], []
+    body = Detection("p", points[-1], 1e-4 * np.eye(2), 0.3)
+    for k in range(150):
+        seen = Observation(made.period * k, state, (body,) if k < 110 else ())
+        command, found = made.command(seen), exported.decide(seen)
+        numbers = [*command.linear, command.omega, command.ramp]
+        assert np.allclose(numbers, [*found.linear, found.omega, found.ramp], atol=1e-6, rtol=0.0)
+        assert made.plan is not None
+        driven.append(np.linalg.norm(made.plan.states[1][:2] - state[:2]))
+        turned.append(abs(command.omega))
+        state = np.append(made.plan.states[1][:4], command.omega)
+    assert sum(driven[80:110]) < 0.2 and max(turned[80:110]) < 0.05, "it does not rest"
+    assert np.linalg.norm(state[:2] - points[-1]) < 0.15, "it does not go on"
+
+
 def _same_rung(rung: str, one: Any) -> bool:
     names = ("optimal", "feasible", "shifted", "least", "brake", "brake")
     return rung.startswith(names[one.rung])

@@ -18,6 +18,32 @@ static double left_of(struct path *path, int who, const double *place, double *a
     return path->arc[path->count - 1] - wb_progressed(path, &path->progress[who], place);
 }
 
+double wb_turning(double away, double speed, double rate)
+{
+    const double most = PLAN_END_YAW_RATE * fmax(away, PLAN_END_STEP * speed) / PLAN_END_NEAR;
+    return PLAN_END_YAW_RATE > 0.0 ? copysign(fmin(fabs(rate), most), rate) : rate;
+}
+
+void wb_hold(struct wideberth_planner *planner, const wideberth_observation *seen, double arc,
+    const double *place)
+{
+    const struct path *path = &planner->path;
+    const double *goal = path->at[path->count - 1];
+    const int held = planner->holds;
+    int k;
+    planner->holds = 0;
+    if (arc < path->arc[path->count - 1] - PLAN_END_LEFT
+        || path->progress[REFERENCE].waited < PATIENCE)
+        return;
+    for (k = 0; k < seen->obstacles; k++) {
+        const wideberth_detection *body = &seen->detections[k];
+        if (hypot(body->position[0] - goal[0], body->position[1] - goal[1])
+            < PLAN_ROOM + body->radius)
+            planner->holds = 1;
+    }
+    if (planner->holds && !held) memcpy(planner->hold, place, sizeof(planner->hold));
+}
+
 int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
     const double *wanted, double *limited)
 {
@@ -27,7 +53,7 @@ int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
     if (!planner->path.count) return WIDEBERTH_PLAN_NO_PATH;
     memmove(limited, wanted, 3 * sizeof(double));
     speed = hypot(limited[0], limited[1]);
-    if (speed == 0.0 || !computable(pose)) return WIDEBERTH_PLANNED;
+    if (!computable(pose)) return WIDEBERTH_PLANNED;
     left = left_of(&planner->path, APPROACH, pose, away);
     apart = hypot(away[0], away[1]);
     most = sqrt(2.0 * PLAN_END_BRAKING * fmax(apart, left));
@@ -37,6 +63,7 @@ int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
         if (across > 0.0) most = fmin(most, 0.5 * PLAN_END_TURNING * apart * apart / across);
     }
     if (speed > most) limited[0] *= most / speed, limited[1] *= most / speed;
+    if (left <= PLAN_END_LEFT) limited[2] = wb_turning(apart, fmin(speed, most), limited[2]);
     return WIDEBERTH_PLANNED;
 }
 

@@ -9,8 +9,7 @@
 #define GROWN 0.01    /* m, by which the arc length grows of a robot that does not wait */
 #define LONGER 0.25   /* m, by which the search reaches farther with each call in which it waits, */
 #define LONGEST 5.0   /* m, at most */
-#define PATIENCE 8    /* calls without progress after which a way back counts, */
-#define CUT 6.0       /* m, which may cut off so much of the path, */
+#define CUT 6.0       /* m of the path that a way back may cut off, */
 #define OPPOSITE -0.5 /* whose cosine to the way there is smaller, */
 #define BESIDE 0.1    /* m, and that is no more farther off */
 #define SURPLUS 1e-3  /* by which an outer radius is enlarged, in m and relative */
@@ -420,6 +419,22 @@ static void resume(struct wideberth_planner *planner, double stamp, const double
     first->level = instance->target;
 }
 
+/* Lay the reference at the place where the robot rests. */
+static void rest(const struct wideberth_planner *planner, wideberth_problem *problem)
+{
+    const struct path *path = &planner->path;
+    const int k = path->count - 2;
+    int i, r;
+    for (i = 0; i < N; i++) {
+        for (r = 0; r < 2; r++) {
+            problem->reference[i][r] = planner->hold[r];
+            problem->direction[i][r]
+                = (path->at[k + 1][r] - path->at[k][r]) / length_of(path->at[k], path->at[k + 1]);
+        }
+        problem->speed[i] = 0.0;
+    }
+}
+
 void wb_fill(struct wideberth_planner *planner, const wideberth_observation *seen,
     const double *start, double arc, struct point *first)
 {
@@ -428,6 +443,7 @@ void wb_fill(struct wideberth_planner *planner, const wideberth_observation *see
     wideberth_begin(&instance->problem);
     memcpy(instance->problem.initial, start, sizeof(instance->problem.initial));
     wb_lay(&planner->path, arc, &instance->problem);
+    if (planner->holds) rest(planner, &instance->problem);
     instance->obstacles = instance->polygons = instance->left_out = instance->walls = 0;
     instance->target = WIDEBERTH_SHARED_LEVEL ? PLAN_LEVELS[0] : NAN;
     wb_pose(start, here);

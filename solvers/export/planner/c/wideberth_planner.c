@@ -70,7 +70,7 @@ void wideberth_planner_reset(wideberth_planner *planner)
     planner->history.stamp = -INFINITY;
     planner->has_plan = planner->kept.known = planner->obstacle_in_way = 0;
     memset(planner->path.progress, 0, sizeof(planner->path.progress));
-    planner->path.there = 0;
+    planner->path.there = planner->holds = 0;
 }
 
 int wideberth_planner_set_path(wideberth_planner *planner, const double (*points)[2], int count)
@@ -247,6 +247,17 @@ int wideberth_planner_remember(wideberth_planner *planner, const wideberth_obser
     return status;
 }
 
+/* Turn no more than there is a reason for near the end of the path, or where the robot rests. */
+static void rest_from_turning(const wideberth_planner *planner, double arc, const double *place,
+    wideberth_command *command)
+{
+    const struct path *path = &planner->path;
+    const double *end = planner->holds ? planner->hold : path->at[path->count - 1];
+    if (!planner->holds && path->arc[path->count - 1] - arc > PLAN_END_LEFT) return;
+    command->omega = wb_turning(hypot(end[0] - place[0], end[1] - place[1]),
+        hypot(command->linear[0], command->linear[1]), command->omega);
+}
+
 static int planned(wideberth_planner *planner, const wideberth_observation *seen,
     wideberth_decision *decision)
 {
@@ -257,6 +268,7 @@ static int planned(wideberth_planner *planner, const wideberth_observation *seen
     wb_within_bounds(seen->state, start);
     wb_pose(start, pose);
     arc = wb_advanced(&planner->path, pose);
+    wb_hold(planner, seen, arc, pose);
     wb_tracks(&planner->history, &planner->tracks);
     wb_forecast(&planner->tracks, seen->stamp, &planner->forecast);
     if (planner->has_plan && isnan(planner->plan_stamp)) /* it cannot be continued */
@@ -267,6 +279,7 @@ static int planned(wideberth_planner *planner, const wideberth_observation *seen
     best = wb_choose(planner, &decision->rung);
     if (!best) return braked(planner, seen, WIDEBERTH_PLAN_NO_RUNG, decision);
     wb_limited(best->point.states[1], best->point.inputs[0], &decision->command);
+    rest_from_turning(planner, arc, pose, &decision->command);
     decision->violation = wb_worst(&best->found), decision->level = best->point.level;
     decision->cost = best->cost, decision->left_out = planner->instance.left_out;
     decision->starts = planner->outcome.count;
