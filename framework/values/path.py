@@ -11,6 +11,8 @@ from .errors import WideberthError
 
 OPPOSITE, BESIDE = -0.5, 0.1
 """Cosine and m, see `Path.way_back`."""
+SAME = 0.1
+"""m, see `Path.resembles`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,12 @@ class Path:
     def goal(self) -> Array:
         """The last point, (D,), m."""
         return np.asarray(self.points[-1])
+
+    def resembles(self, other: "Path") -> bool:
+        """Whether no coordinate of its points is more than `SAME` from the other path's."""
+        if self.points.shape != other.points.shape:
+            return False
+        return bool(np.abs(self.points - other.points).max() <= SAME)
 
     def at(self, arc: Array) -> Array:
         """Points at the given arc lengths (...,) -> (..., D), m; clamped to the ends."""

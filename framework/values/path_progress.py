@@ -19,8 +19,6 @@ GROWN, LONGER, LONGEST = 0.01, 0.25, 5.0
 PATIENCE, CUT = 8, 6.0
 """Calls without progress after which a way back counts, and m of the path that it may cut off
 where it is not known how far the robot looks ahead."""
-SAME = 0.1
-"""m; a path whose points are no farther from those of another one is the same one, moved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +57,7 @@ class PathProgress:
         """Return the progress along another path: the same one where the path has only moved."""
         if path is self.path:
             return self
-        before, after = self.path.points, path.points
-        if before.shape == after.shape and np.abs(after - before).max() <= SAME:
-            return replace(self, path=path)
-        return type(self)(path)
+        return replace(self, path=path) if path.resembles(self.path) else type(self)(path)
 
     def advanced(self, place: Array, ahead: float | None = None) -> tuple[Self, float]:
         """Return the progress at a place, and the arc length of the nearest path point, m.
