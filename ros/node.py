@@ -144,7 +144,9 @@ class PlannerNode:
         self._own = OwnMotion(settings.base_frame)
         self._course: FramedPath | None = None  # that is followed
         self._next_course: FramedPath | None = None  # takes its place once it can be laid
-        self._fresh_path = False
+        self._reached: FramedPath | None = None  # to its end, the last one of a topic
+        self._handed: Path | None = None  # to the controller, the last one
+        self._fresh_path = self._anew = False
         self._ends = True  # whether a path ends by itself where the robot reaches its end
         self._wanted: VelocityInTime | None = None
         self._last: Array | None = None
@@ -280,7 +282,8 @@ class PlannerNode:
         Its end is up to the caller, see `turn` and `halt`.
         """
         with self._lock:
-            self._turn = None
+            self._turn = self._reached = None
+            self._anew = self._course is None
             self._take_path(FramedPath(frame, points))
             waiting, self._next_course, self._ends = self._next_course, None, False
             return waiting is None and self._course is not None
@@ -353,6 +356,9 @@ class PlannerNode:
         elif self._course is not None and self._course.same(new):
             self._course.end = new.end
         else:
+            before, self._reached = self._course or self._reached, None
+            if before is not None:
+                new.resume(before)
             self._next_course = new
             self._lay_path()
             if new.flaw:
@@ -441,7 +447,7 @@ class PlannerNode:
         pending = new is not None
         try:
             if new is not None:
-                self.controller.set_path(new)
+                self._hand(new)
             pending = False
             for one in earlier:
                 self.controller.remember(one)
@@ -459,6 +465,14 @@ class PlannerNode:
             self._command = np.array([*command.linear, command.omega], dtype=np.float64)
             if self._wanted is not None:
                 self._wanted.aim(command, self._decided, self.controller.last_plan)
+
+    def _hand(self, path: Path) -> None:
+        """Hand a path to the controller, which begins anew where it is to drive it once more."""
+        before, anew = self._handed, self._anew
+        self._handed, self._anew = path, False
+        if anew and before is not None and path.resembles(before):
+            self.controller.reset()
+        self.controller.set_path(path)
 
     def _check_spin(self, turn: SpinGoal, seen: list[Observation]) -> None:
         """Let a robot turn whose corners sweep over a disc, if nothing blocks that."""
@@ -515,6 +529,7 @@ class PlannerNode:
                     self._turn = course.end
                 else:
                     self._take_path(None)
+                    self._reached = course
 
     def _observation(self, received: ReceivedMessage) -> tuple[Observation, list[Observation]]:
         """Return the observation of now, and those that the controller remembers first."""

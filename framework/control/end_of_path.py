@@ -1,5 +1,6 @@
 """The end of a path: how fast a robot approaches it, when it is there, and how it turns there."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import atan2, copysign, cos, hypot, inf, sin, sqrt
 from typing import final
@@ -8,7 +9,7 @@ import numpy as np
 
 from ..robot import Robot
 from ..values.arrays import FARTHEST, Array
-from ..values.motion import Pose, Twist
+from ..values.motion import Detection, Pose, Twist
 from ..values.path import Path
 from ..values.path_progress import PathProgress
 from .command_limits import FAST, FOREVER, attained, deceleration
@@ -19,6 +20,8 @@ SHIFT = 0.02
 """m; a path that comes once more, whose end has moved no further, has the same end."""
 SHARE = 0.8
 """Of the robot's deceleration and yaw rate, that an approach counts on."""
+NEAR, STEP = 0.25, 1.0
+"""m and s, see `EndLimits.turning`."""
 SOON = 1e-3
 """s, in which the acceleration of the yaw rate is measured."""
 
@@ -45,6 +48,36 @@ class EndLimits:
         rate, soon = (float(attained(robot, still, turn, time)[0, 2]) for time in (FOREVER, SOON))
         return cls(deceleration(robot), rate, soon / SOON)
 
+    def turning(self, away: float, speed: float, rate: float) -> float:
+        """Return a yaw rate, rad/s, that a robot near the end of its path still has a reason for.
+
+        A robot that stands at the end is asked for no heading, and a planner that prices yaw
+        accelerations alone would let it go on turning. With d the distance to the end, v the
+        speed, w the yaw rate on the spot and T = `STEP`::
+
+            |omega| <= w max(d, v T) / `NEAR`
+
+        It stays as it is for a robot that cannot turn on the spot.
+
+        Parameters
+        ----------
+        away : m. speed : m/s. rate : rad/s, that is wanted.
+        """
+        most = self.yaw_rate * max(away, STEP * speed) / NEAR
+        return copysign(min(abs(rate), most), rate) if self.yaw_rate else rate
+
+
+def goal_taken(goal: Array, detections: Iterable[Detection], room: float) -> bool:
+    """Return whether a detected body leaves no room at a goal, (D,), m.
+
+    Parameters
+    ----------
+    room : m, radius of the robot and margin.
+    """
+    return any(
+        float(np.linalg.norm(body.position - goal)) < room + body.radius for body in detections
+    )
+
 
 @final
 class Approach:
@@ -58,8 +91,8 @@ class Approach:
     each with `SHARE` of a and w. d / (2 |sin beta|) is the radius of the circle through the end
     to which the motion is tangent: a robot that is faster than it can turn on it has the end
     within its own circle, and a planner for which to brake costs more than to turn keeps it there
-    for half a minute. The yaw rate stays as it was. The second limit is none for a robot that
-    cannot turn on the spot: a car's circle does not shrink with its speed.
+    for half a minute. The yaw rate is limited by `EndLimits.turning`. The second limit is none for
+    a robot that cannot turn on the spot: a car's circle does not shrink with its speed.
 
     Parameters
     ----------
@@ -67,7 +100,7 @@ class Approach:
     """
 
     def __init__(self, robot: Robot) -> None:
-        limits = EndLimits.of(robot)
+        self._limits = limits = EndLimits.of(robot)
         self._braking, self._turning = SHARE * limits.braking, SHARE * limits.yaw_rate
         self._headed = robot.pose((0.0,) * len(robot.states)).heading is not None
         self._progress: PathProgress | None = None
@@ -80,11 +113,10 @@ class Approach:
         path : that is followed. pose : of the robot. twist : that is wanted, see `Robot.twist`.
         """
         place, speed = np.array(pose.position, dtype=np.float64), hypot(*twist.linear)
-        if not speed or not (np.abs(place) <= FARTHEST).all():
+        if not (np.abs(place) <= FARTHEST).all():
             return twist
-        if self._progress is None or self._progress.path is not path:
-            self._progress = PathProgress(path)
-        self._progress, arc = self._progress.advanced(place)
+        before = self._progress or PathProgress(path)
+        self._progress, arc = before.on(path).advanced(place)
         away, left = path.goal - place, path.length - arc
         apart = hypot(*away)
         most = sqrt(2.0 * self._braking * max(apart, left))
@@ -93,9 +125,12 @@ class Approach:
             way += float(pose.heading) if self._headed else 0.0  # type: ignore[arg-type]
             across = abs(cos(way) * away[1] - sin(way) * away[0])  # d |sin beta|
             most = min(most, 0.5 * self._turning * apart**2 / across if across else inf)
-        if speed <= most:
+        share, rate = min(1.0, most / speed) if speed else 1.0, float(twist.angular)
+        if left <= LEFT:
+            rate = self._limits.turning(apart, share * speed, rate)
+        if share == 1.0 and rate == twist.angular:
             return twist
-        return Twist(tuple(most / speed * one for one in twist.linear), twist.angular)
+        return Twist(tuple(share * one for one in twist.linear), rate)
 
 
 @final
@@ -122,11 +157,9 @@ class Arrival:
         if not (np.abs(place) <= FARTHEST).all():
             self.there = False
             return False
-        if self._progress is None or self._progress.path is not path:
-            old = path if self._progress is None else self._progress.path
-            self.there = self.there and float(np.linalg.norm(path.goal - old.goal)) <= SHIFT
-            self._progress = PathProgress(path)
-        self._progress, arc = self._progress.advanced(place)
+        before = self._progress or PathProgress(path)
+        self.there = self.there and float(np.linalg.norm(path.goal - before.path.goal)) <= SHIFT
+        self._progress, arc = before.on(path).advanced(place)
         distance = float(np.linalg.norm(path.goal - place))
         near = distance <= (1.0 + self.there) * self._tolerance
         self.there = near and path.length - arc <= LEFT

@@ -9,6 +9,7 @@ import pytest
 from wideberth.controllers import Planner
 from wideberth.experiments.cli.ros_node import read_node
 from wideberth.framework.control.end_of_path import Arrival
+from wideberth.framework.plugins.config import build
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
@@ -63,6 +64,43 @@ def test_the_same_path_once_more_does_not_wake_a_robot_that_is_there() -> None:
             loop.path(points=WAY)
         loop.move()
     assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= NEAR and not loop.motion.any()
+
+
+LOOP = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (0.0, 0.0)])
+
+
+def pursuing() -> Drive:
+    controller = build("controllers", {"type": "pure_pursuit", "robot": "unicycle",
+                                       "look_ahead": 0.5, "period": STEP})  # fmt: skip
+    return Drive(controller, follows=PathTopic())
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.001])
+def test_a_loop_that_comes_again_and_again_ends(shift: float) -> None:
+    loop, driven = pursuing(), 0.0
+    for k in range(1200):
+        if k % 20 == 0:
+            loop.path(points=LOOP + shift * (k // 20))
+        before = loop.pose
+        loop.move()
+        driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
+    assert 6.5 < driven < 8.5 and not loop.motion.any()
+    assert np.linalg.norm(loop.pose[:2] - LOOP[-1]) < 0.4
+
+
+def test_an_action_drives_the_same_loop_once_more() -> None:
+    loop = pursuing()
+    loop.turn(people=False)
+    for _ in range(2):
+        follower, driven, end = PathFollower(loop.node, Following(), loop.now), 0.0, None
+        assert follower.begin("odom", LOOP) is None
+        while end is None:
+            before = loop.pose
+            loop.move()
+            driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
+            end = follower.step(loop.now)
+        assert end.code is ResultCode.NONE and 6.5 < driven < 8.5
+        loop.node.halt()
 
 
 def test_a_short_path_onward_is_driven_and_the_same_goal_wakes_no_robot() -> None:

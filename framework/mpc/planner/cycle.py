@@ -14,16 +14,19 @@ from typing import final
 import numpy as np
 
 from ...control.command_limits import broken_limit, within_bounds, within_reach
+from ...control.end_of_path import LEFT, EndLimits, goal_taken
 from ...control.velocity_smoother import VelocitySmoother
 from ...controller import checked_ready, checked_use
 from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import FORGET, Perception, scene_of
+from ...tracking.stand_ins import sound
 from ...values.arrays import Array, altered
 from ...values.failures import caught
 from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
+from ...values.path_progress import PATIENCE as WAITED
 from ...values.path_progress import ReferenceProgress
 from ...values.plan import Plan, Situation
 from ...values.polygon import Polygon
@@ -84,6 +87,7 @@ class PlannerState:
     multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
+    hold : its last point is where the robot rests while somebody stands on its goal.
     """
 
     perception: Perception
@@ -92,6 +96,7 @@ class PlannerState:
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
+    hold: Path | None = None
 
     @classmethod
     def initial(cls, settings: PlannerSettings, path: Path | None = None) -> "PlannerState":
@@ -157,6 +162,7 @@ class Services:
     travel : how far the robot can get.
     grid : (N + M,), s, times of the plan's steps 1..N after its first state, and of those at which
         it is to rest, see `Fallback`.
+    end : what the robot can do at the end of its path; None for one that moves in space.
     """
 
     problems: ProblemCache
@@ -166,6 +172,7 @@ class Services:
     model: Robot
     travel: Travel
     grid: Array
+    end: EndLimits | None
 
     @classmethod
     def of(cls, settings: PlannerSettings) -> "Services":
@@ -180,6 +187,7 @@ class Services:
             model=progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
             travel=Travel.of(robot, steps, dt),
             grid=settings.dt * np.arange(1, steps + settings.fallback.steps_at_rest + 1.0),
+            end=EndLimits.of(robot) if robot.dimension == 2 else None,
         )
 
     def for_all(self) -> "Services":
@@ -299,13 +307,14 @@ class Course:
     ----------
     stamp : s, when the command takes effect.
     start : (n,), state at that time. place : (D,), m, where it is then.
-    arc : m, arc length along the path there.
+    path : that it follows. arc : m, arc length along it at ``place``.
     reference : laid along the path from there.
     """
 
     stamp: float
     start: Array
     place: Array
+    path: Path
     arc: float
     reference: Reference
 
@@ -318,11 +327,28 @@ def _on_course(
     start = _delayed(settings, state, observation.stamp, observation.state)
     start = within_bounds(robot, start)
     place = _place(robot, start)
-    progress, arc = checked_ready(state.progress).advanced(place)
+    ahead = settings.reference_speed * settings.horizon * settings.dt
+    progress, arc = checked_ready(state.progress).advanced(place, ahead)
+    path, hold = progress.path, None
+    if arc >= path.length - LEFT and progress.waited >= WAITED:
+        hold = _held(settings, state, path, observation, place)
+    if hold is not None:
+        path, arc = hold, hold.length
     reference = settings.cost.lay(
-        progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
+        path, arc, settings.reference_speed, settings.horizon, settings.dt
     )
-    return altered(state, progress=progress), Course(stamp, start, place, arc, reference)
+    state = altered(state, progress=progress, hold=hold)
+    return state, Course(stamp, start, place, path, arc, reference)
+
+
+def _held(
+    settings: PlannerSettings, state: PlannerState, path: Path, observation: Observation, at: Array
+) -> Path | None:
+    """Return where to rest, as the end of a path, while somebody stands on the goal; else None."""
+    bodies = sound(observation, len(at), here=at).detections
+    if not goal_taken(path.goal, bodies, settings.robot.radius + settings.margin):
+        return None
+    return state.hold or Path(np.stack([at - path.direction(np.array(path.length)), at]))
 
 
 def _perceived(
@@ -375,6 +401,7 @@ def _planned(
     ends = tuple(one.message for one in outcome.solutions)
     solved = Solved(instance, outcome.guesses, point, plan, budget.spent(), ends)
     command, note = _limited(robot, command_of_plan(robot, plan))
+    command = _resting(services.end, course, command)
     state = altered(
         state,
         plan=plan,
@@ -385,6 +412,15 @@ def _planned(
     notes = tuple(filter(None, (note, _stand_in(outcome))))
     path = checked_ready(state.progress).path
     return state, Decision(command, plan, notes, solved, frame, path)
+
+
+def _resting(end: EndLimits | None, course: Course, command: Command) -> Command:
+    """Return a command with which the robot turns no more than it has to at its path's end."""
+    if end is None or course.path.length - course.arc > LEFT:
+        return command
+    away = float(np.linalg.norm(course.path.goal - course.place))
+    speed = float(np.linalg.norm(command.linear))
+    return replace(command, omega=end.turning(away, speed, command.omega))
 
 
 def _judge(
@@ -400,7 +436,7 @@ def _judge(
         settings.expected_contact,
         settings.robot,
         settings.dt,
-        (checked_ready(state.progress).path, course.arc, settings.reference_speed),
+        (course.path, course.arc, settings.reference_speed),
         seen,
         frame.observation.polygons,
         (settings.margin, settings.margin_at_walls),

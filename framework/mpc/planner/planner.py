@@ -97,13 +97,18 @@ class Planner(PlannerSettings, Controller):
         self._memory.decision = self._memory.plan = None
 
     def set_path(self, path: Path) -> None:
-        """Follow this path from now on; the first one warns of settings that look like a slip."""
+        """Follow this path from now on; the first one warns of settings that look like a slip.
+
+        Where it is the path of before, or has only moved a little, see `PathProgress.on`, the
+        robot goes on from where it is along it; `reset` begins it anew.
+        """
         path, memory = checked_path(self.robot, path), self._memory
-        first = memory.state.progress is None
-        memory.state = replace(memory.state, progress=ReferenceProgress(path))
+        before = memory.state.progress
+        progress = (before or ReferenceProgress(path)).on(path)
+        memory.state = replace(memory.state, progress=progress)
         if not self._services.problems:
             warm_up(self, self._services, path)
-        for words in doubts(self) if first else ():
+        for words in doubts(self) if before is None else ():
             WARNINGS.warn(type(self).__name__, words.split()[0], words)
 
     @property
