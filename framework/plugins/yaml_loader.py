@@ -49,10 +49,10 @@ class Loader(yaml.SafeLoader):
 
     def scan_to_next_token(self) -> None:
         """Pass over what separates tokens, as PyYAML does, and over tabs, which do not indent."""
-        super().scan_to_next_token()  # type: ignore[no-untyped-call]
+        super().scan_to_next_token()
         while self.peek() == "\t" and (count := self._separating()):
             self.forward(count)
-            super().scan_to_next_token()  # type: ignore[no-untyped-call]
+            super().scan_to_next_token()
 
     def _separating(self) -> int:
         """Count the blanks that begin with a tab; 0 where they would indent."""
@@ -74,7 +74,7 @@ class Loader(yaml.SafeLoader):
         """Return what separates the words of a text without quotes: tabs too."""
         line, blanks = self.line, self.prefix(self._blanks())
         self.forward(len(blanks))
-        chunks: list[str] | None = super().scan_plain_spaces(indent, start_mark)  # type: ignore[no-untyped-call]
+        chunks: list[str] | None = super().scan_plain_spaces(indent, start_mark)
         return [blanks] if blanks and self.line == line else chunks
 
     def compose_node(self, parent: Any, index: Any) -> Any:

@@ -697,8 +697,8 @@ def _on_grid(
         shifts.append(abs(offset) / step * dt)
         odd += [f"{ident} at {row[0]}" for row in rows if row[0] % step != phase]
         placed.append([((row[0] - offset) // step, row) for row in rows if row[0] % step == phase])
-    first = min(rows[0][0] for rows in placed)
-    count = max(rows[-1][0] for rows in placed) - first + 1
+    first = min(cells[0][0] for cells in placed)
+    count = max(cells[-1][0] for cells in placed) - first + 1
     if count * len(samples) > MOST_CELLS:
         raise WideberthError(
             f"{path}: in steps of {step} frames there are {count} rows for {len(samples)} tracks, "
@@ -706,8 +706,8 @@ def _on_grid(
             "the file in time"
         )
     positions = np.full((len(samples), count, 2), np.nan)
-    for track, rows in zip(positions, placed, strict=True):
-        for row, (_, x, y, _) in rows:
+    for track, cells in zip(positions, placed, strict=True):
+        for row, (_, x, y, _) in cells:
             track[row - first] = x, y
     notes = [f"frames per row: {step}"]
     if any(shifts):
