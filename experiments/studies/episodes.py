@@ -231,7 +231,7 @@ def episode_metric(target: str) -> Callable[[Episode], float]:
     """
     module, _, name = target.partition(":")
     import_plugins([module])
-    metric = getattr(import_module(module), name, None)
+    metric: Callable[[Episode], float] | None = getattr(import_module(module), name, None)
     if not callable(metric):
         raise WideberthError(
             f"{target!r} names no function; wanted module:function, which takes an episode"
