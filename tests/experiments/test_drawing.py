@@ -319,3 +319,10 @@ def test_dollar_signs_of_names_are_printed(tmp_path: Folder, name: str) -> None:
     assert panel.xaxis.label.get_parse_math()
     powers = [text for text in panel.get_yticklabels() if "mathdefault" in text.get_text()]
     assert powers and all(text.get_parse_math() for text in powers)
+
+
+def test_ways_of_many_others_are_pale():
+    for count, pale in ((2, False), (12, True)):
+        figure = draw_run(episode(*(walker(str(i)) for i in range(count))))
+        ways = [line for line in figure.axes[0].lines if line.get_color() == "0.55"]
+        assert any(line.get_alpha() == 0.5 for line in ways) == pale
