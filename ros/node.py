@@ -16,6 +16,7 @@ from ..framework.control.end_of_path import Approach, Arrival, Spin
 from ..framework.control.room_to_stop import RoomToStop
 from ..framework.controller import Controller, avoids_polygons
 from ..framework.mpc.planner.in_time import VelocityInTime
+from ..framework.mpc.planner.standing import BLOCKED
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import Array, checked_covariance
@@ -459,7 +460,9 @@ class PlannerNode:
                 self._fresh_path = True
             command = Command((0.0, 0.0))
         else:
-            self.status = DRIVING
+            plan = self.controller.last_plan
+            stands = plan is not None and plan.reason.startswith(BLOCKED)
+            self.status = plan.reason if plan is not None and stands else DRIVING
         with self._lock:
             self._decided, self._based = self._clock(), seen.stamp
             self._command = np.array([*command.linear, command.omega], dtype=np.float64)
