@@ -156,10 +156,8 @@ class PlannerNode:
         self._decided = self._based = self._sent = self._looked = -np.inf
         self._limit = np.inf
         self._turn: SpinGoal | None = None
-        self._room: SpinGoal | None = None
-        """The turn for which there was room at the last look."""
-        still = np.zeros(len(robot.states))
-        self.turns_on_the_spot: bool = turns_on_the_spot(robot, still)
+        self._room: SpinGoal | None = None  # the turn for which there was room at the last look
+        self.turns_on_the_spot: bool = turns_on_the_spot(robot, np.zeros(len(robot.states)))
         """Whether the robot can turn while it stands."""
         self.odometry_came: threading.Event = threading.Event()
         """Set with each odometry."""
