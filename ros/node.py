@@ -16,6 +16,7 @@ from ..framework.control.end_of_path import Approach, Arrival, Spin
 from ..framework.control.room_to_stop import RoomToStop
 from ..framework.controller import Controller, avoids_polygons
 from ..framework.mpc.planner.in_time import VelocityInTime
+from ..framework.mpc.planner.standing import BLOCKED
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import Array, checked_covariance
@@ -155,10 +156,8 @@ class PlannerNode:
         self._decided = self._based = self._sent = self._looked = -np.inf
         self._limit = np.inf
         self._turn: SpinGoal | None = None
-        self._room: SpinGoal | None = None
-        """The turn for which there was room at the last look."""
-        still = np.zeros(len(robot.states))
-        self.turns_on_the_spot: bool = turns_on_the_spot(robot, still)
+        self._room: SpinGoal | None = None  # the turn for which there was room at the last look
+        self.turns_on_the_spot: bool = turns_on_the_spot(robot, np.zeros(len(robot.states)))
         """Whether the robot can turn while it stands."""
         self.odometry_came: threading.Event = threading.Event()
         """Set with each odometry."""
@@ -459,7 +458,9 @@ class PlannerNode:
                 self._fresh_path = True
             command = Command((0.0, 0.0))
         else:
-            self.status = DRIVING
+            plan = self.controller.last_plan
+            stands = plan is not None and plan.reason.startswith(BLOCKED)
+            self.status = plan.reason if plan is not None and stands else DRIVING
         with self._lock:
             self._decided, self._based = self._clock(), seen.stamp
             self._command = np.array([*command.linear, command.omega], dtype=np.float64)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth import recommended
 from wideberth.controllers import Planner
 from wideberth.experiments.cli.ros_node import read_node
 from wideberth.framework.control.end_of_path import Arrival
@@ -101,6 +102,19 @@ def test_an_action_drives_the_same_loop_once_more() -> None:
             end = follower.step(loop.now)
         assert end.code is ResultCode.NONE and 6.5 < driven < 8.5
         loop.node.halt()
+
+
+def test_a_node_says_that_its_robot_is_blocked() -> None:
+    """Its odometry says that it does not move."""
+    planner = recommended("unicycle", quiet=True, predictor="kalman")
+    loop = test_node.Loop(planner)  # type: ignore[arg-type]
+    loop.path()
+    loop.turn()
+    loop.turn()
+    assert loop.node.status == "driving"
+    for k in range(round(6.0 / STEP)):
+        loop.turn(decide=k % 10 == 0)
+    assert loop.node.status.startswith("blocked: it has stood for")
 
 
 def test_a_short_path_onward_is_driven_and_the_same_goal_wakes_no_robot() -> None:

@@ -62,6 +62,7 @@ from .own_uncertainty import OwnUncertainty, carried
 from .rollout import RobotMotion, carry, follow
 from .rungs import LadderInput, choose
 from .settings import PlannerSettings, changed
+from .standing import Standing
 from .starts import (
     OTHERS,
     WARM_WITHIN,
@@ -88,6 +89,7 @@ class PlannerState:
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
     hold : its last point is where the robot rests while somebody stands on its goal.
+    standing : where and since when the robot has not moved; None before the first call.
     """
 
     perception: Perception
@@ -97,6 +99,7 @@ class PlannerState:
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
     hold: Path | None = None
+    standing: Standing | None = None
 
     @classmethod
     def initial(cls, settings: PlannerSettings, path: Path | None = None) -> "PlannerState":
@@ -337,7 +340,8 @@ def _on_course(
     reference = settings.cost.lay(
         path, arc, settings.reference_speed, settings.horizon, settings.dt
     )
-    state = altered(state, progress=progress, hold=hold)
+    standing = (state.standing or Standing(stamp, place)).at(stamp, place)
+    state = altered(state, progress=progress, hold=hold, standing=standing)
     return state, Course(stamp, start, place, path, arc, reference)
 
 
@@ -394,7 +398,9 @@ def _planned(
     plan, point = choose(settings.fallback.ladder, trial, course.stamp)
     plan = altered(
         without_progress(robot, plan),
-        reason=joined(plan.reason, outcome.note, instance.note),
+        reason=joined(
+            _blocked(settings, state, course, frame), plan.reason, outcome.note, instance.note
+        ),
         forecast=frame.forecast,
         tracked=() if frame.tracks is None else frame.tracks.ids,
     )
@@ -412,6 +418,15 @@ def _planned(
     notes = tuple(filter(None, (note, _stand_in(outcome))))
     path = checked_ready(state.progress).path
     return state, Decision(command, plan, notes, solved, frame, path)
+
+
+def _blocked(
+    settings: PlannerSettings, state: PlannerState, course: Course, frame: PerceptionFrame
+) -> str:
+    """Say whether the robot stands before its goal, and before what; "" if it does not."""
+    goal = checked_ready(state.progress).path.goal
+    standing = checked_ready(state.standing)
+    return standing.blocked(course.stamp, goal, frame.observation, settings.robot.radius)
 
 
 def _resting(end: EndLimits | None, course: Course, command: Command) -> Command:

@@ -5,6 +5,8 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, final
 
+import numpy as np
+
 from ...control.rate_limited_warnings import WARNINGS
 from ...controller import Controller, WrapsController, checked_path
 from ...values.errors import WideberthError, short
@@ -25,6 +27,7 @@ from .cycle import (
     warm_up,
 )
 from .settings import PlannerSettings, check_settings, doubts
+from .standing import ARRIVED
 
 SOON = 2.0
 """s ahead within which a level that gives way is a warning; far more than robots need to stop."""
@@ -105,7 +108,9 @@ class Planner(PlannerSettings, Controller):
         path, memory = checked_path(self.robot, path), self._memory
         before = memory.state.progress
         progress = (before or ReferenceProgress(path)).on(path)
-        memory.state = replace(memory.state, progress=progress)
+        same = before is not None and np.linalg.norm(before.path.goal - path.goal) <= ARRIVED
+        standing = memory.state.standing if same else None
+        memory.state = replace(memory.state, progress=progress, standing=standing)
         if not self._services.problems:
             warm_up(self, self._services, path)
         for words in doubts(self) if before is None else ():

@@ -12,6 +12,7 @@ from wideberth.framework.robot import step
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
+from wideberth.framework.values.polygon import Polygon
 from wideberth.predictors.kalman import Kalman
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
@@ -140,6 +141,35 @@ def test_a_robot_rests_before_somebody_on_its_goal(robot: str, cost: str) -> Non
     assert steps[60:108].sum() < 0.3, "it does not rest"
     assert np.linalg.norm(np.array(places[6:110]) - goal, axis=1).min() > made.robot.radius + 0.3
     assert places[-1] == pytest.approx(goal, abs=0.15), "it goes on once the goal is free"
+
+
+WALL = Polygon(((1.2, -3.0), (1.5, -3.0), (1.5, 3.0), (1.2, 3.0)), "the wall")
+
+
+@pytest.mark.parametrize("others", [False, True])
+def test_a_robot_that_stands_before_its_goal_says_before_what(others: bool) -> None:
+    made = recommended({"type": "unicycle", "radius": 0.3}, 0.5, quiet=True, predictor="kalman")
+    made.set_path(Path([(0.0, 0.0), (8.0, 0.0)]))
+    state, reasons = np.zeros(5), []
+    bodies = (Detection("far", np.array([0.0, 2.5]), 1e-4 * np.eye(2), 0.3),) if others else ()
+    for k in range(50):
+        made.command(Observation(0.5 * k, state, bodies, polygons=(WALL,)))
+        assert made.plan is not None
+        reasons.append(made.plan.reason)
+        state = np.array(made.plan.states[1])
+    assert not reasons[5].startswith("blocked"), "it has not stood for long"
+    assert reasons[-1].startswith("blocked: it has stood for") and "'the wall'" in reasons[-1]
+    made.set_path(Path([(0.0, 0.0), (-8.0, 0.0)]))
+    made.command(Observation(25.0, state, bodies, polygons=(WALL,)))
+    assert made.plan is not None and "blocked" not in made.plan.reason, "another goal"
+
+
+def test_a_robot_at_its_goal_is_not_blocked() -> None:
+    made = recommended("unicycle", quiet=True, predictor="kalman")
+    made.set_path(Path([(0.0, 0.0), (8.0, 0.0)]))
+    for k in range(30):
+        made.command(Observation(0.5 * k, np.array([8.0, 0.0, 0.0, 0.0, 0.0])))
+        assert made.plan is not None and made.plan.reason == ""
 
 
 def test_the_robot_stops_at_the_goal() -> None:
