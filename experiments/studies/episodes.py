@@ -3,7 +3,6 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar, final
@@ -11,7 +10,7 @@ from typing import ClassVar, final
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import DrivesRobot, driving
 from ...framework.mpc.planner.planner import planner_behind
-from ...framework.plugins.config import import_plugins
+from ...framework.plugins.registry import named
 from ...framework.values.arrays import probability, whole
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
@@ -229,9 +228,7 @@ def episode_metric(target: str) -> Callable[[Episode], float]:
     ------
     WideberthError : the module cannot be imported, or has no such function.
     """
-    module, _, name = target.partition(":")
-    import_plugins([module])
-    metric: Callable[[Episode], float] | None = getattr(import_module(module), name, None)
+    metric: Callable[[Episode], float] = named(target)
     if not callable(metric):
         raise WideberthError(
             f"{target!r} names no function; wanted module:function, which takes an episode"

@@ -88,7 +88,7 @@ class PlannerState:
     multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
-    hold : its last point is where the robot rests while somebody stands on its goal.
+    hold : its last point is where the robot rests while a body stands on its goal.
     standing : where and since when the robot has not moved; None before the first call.
     """
 
@@ -348,7 +348,7 @@ def _on_course(
 def _held(
     settings: PlannerSettings, state: PlannerState, path: Path, observation: Observation, at: Array
 ) -> Path | None:
-    """Return where to rest, as the end of a path, while somebody stands on the goal; else None."""
+    """Return where to rest, as the end of a path, while a body stands on the goal; else None."""
     bodies = sound(observation, len(at), here=at).detections
     if not goal_taken(path.goal, bodies, settings.robot.radius + settings.margin):
         return None

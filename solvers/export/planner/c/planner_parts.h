@@ -243,7 +243,7 @@ struct path {
 struct wideberth_planner {
     uint64_t build;
     struct path path;
-    int holds; /* whether it rests at `hold` while somebody stands on its goal */
+    int holds; /* whether it rests at `hold` while a body stands on its goal */
     double hold[2];
     struct history history;
     struct tracks tracks;
