@@ -228,7 +228,7 @@ def episode_metric(target: str) -> Callable[[Episode], float]:
     ------
     WideberthError : the module cannot be imported, or has no such function.
     """
-    metric: Callable[[Episode], float] = named(target)
+    metric: Callable[[Episode], float] | None = named(target) if ":" in target else None
     if not callable(metric):
         raise WideberthError(
             f"{target!r} names no function; wanted module:function, which takes an episode"
