@@ -197,8 +197,8 @@ class _Dumper(yaml.SafeDumper):
     """PyYAML's safe dumper, which quotes text that `Loader` would read as a number."""
 
 
-for kind in (Loader, _Dumper):
-    kind.add_implicit_resolver(
+for _style in (Loader, _Dumper):
+    _style.add_implicit_resolver(
         "tag:yaml.org,2002:float",
         re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
         list("-+.0123456789"),
