@@ -6,7 +6,6 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from ...draw.style import MINUS
 from .csv_tables import Row
 from .line_width import width
 
@@ -76,6 +75,8 @@ def with_unit(column: str, value: Any, form: str = ".4g") -> str:
     if not isinstance(value, int | float):
         return format_cell(value)
     unit = UNITS.get(column.rpartition("_")[2], "")
+    from ...draw.style import MINUS  # imports NumPy, which completion does not wait for
+
     return f"{format_cell(value, form).replace('-', MINUS)} {unit}".rstrip()
 
 
