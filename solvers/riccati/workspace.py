@@ -166,8 +166,10 @@ class Workspace:
         self._states, self._inputs = np.zeros((steps + 1, n)), np.zeros((steps, m))
         self._multipliers = np.zeros((steps, width))
         self._plans = np.zeros((MOST_PLANS, steps + 1, n))
-        self.states, self.inputs = np.zeros((steps + 1, n)), np.zeros((steps, m))
-        self.slack, self.multipliers = np.zeros(steps), np.zeros((steps, width))
+        self.states: Array = np.zeros((steps + 1, n))
+        self.inputs: Array = np.zeros((steps, m))
+        self.slack: Array = np.zeros(steps)
+        self.multipliers: Array = np.zeros((steps, width))
         self.own: Sequence[Array] = [one.found for one in slots]
         self.after: Sequence[Array] = [one.after for one in slots]
         self._slots = slots
@@ -178,7 +180,7 @@ class Workspace:
             for kind, one in zip(kinds, slots, strict=True)
         )
         self._fill_tables(problem, kinds, parameters)
-        self.memory = np.empty(_core.size(ctypes.addressof(self.problem)))
+        self.memory: Array = np.empty(_core.size(ctypes.addressof(self.problem)))
         self._task.memory = address(self.memory)
         self._solve = _core.solve
 
@@ -186,10 +188,10 @@ class Workspace:
         self, problem: ProblemTable, kinds: Sequence[KindTable], parameters: Parameters
     ) -> None:
         count = len(kinds)
-        self.kinds = (KindTable * count)(*kinds)
+        self.kinds: ctypes.Array[KindTable] = (KindTable * count)(*kinds)
         for kind, one in zip(self.kinds, parameters.slots, strict=True):
             _, kind.slots, kind.parameters = one.parameters.shape
-        self.problem = ProblemTable.from_buffer_copy(problem)
+        self.problem: ProblemTable = ProblemTable.from_buffer_copy(problem)
         self.problem.steps, self.problem.kinds = len(parameters.speed), count
         self.problem.kind = ctypes.addressof(self.kinds)
         self._tables = (SlotsTable * count)(*(one.table for one in self._slots))
@@ -198,7 +200,7 @@ class Workspace:
         )  # fmt: skip
         self._start = StartTable(*map(address, start), ctypes.addressof(self._tables))
         results = self.states, self.inputs, self.slack, self.multipliers
-        self.ended = ResultTable(*map(address, results))
+        self.ended: ResultTable = ResultTable(*map(address, results))
         self._settings = SettingsTable()
         tables = self.problem, self._settings, self._start, self.ended
         self._task = TaskTable(*map(ctypes.addressof, tables))

@@ -141,9 +141,9 @@ def _around(subject: Subject, margin: float) -> dict[str, Any]:
     """Return the functions that code around the core calls.
 
     ``dynamics`` (x, u) -> next x; ``place`` x -> position; ``final`` x_N -> limits >= 0;
-    ``motion`` and, for kind k of the slots, ``checkK`` as `Problem.constraint_values` has them;
-    ``setK`` (mean, covariance, radius) -> parameters, where a closed form is known. What has no
-    result is left out.
+    ``motion`` and, for kind k of the slots, ``check`` followed by k, as
+    `Problem.constraint_values` has them; ``set`` followed by k: (mean, covariance, radius) ->
+    parameters, where a closed form is known. What has no result is left out.
     """
     problem, robot = subject.problem, subject.robot
     x, u = ca.SX.sym("x", problem.states), ca.SX.sym("u", problem.inputs)
