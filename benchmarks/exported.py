@@ -1,7 +1,4 @@
-"""The solver as object code against Python's call: the same problems, the same numbers.
-
-Tests hold every plan against Python's, bit for bit; here is how long both take.
-"""
+"""The exported solver against Python's call: the same problems, and how long both take."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +10,11 @@ import numpy as np
 from measuring import Row, Tick
 
 from wideberth.benchmarks.exported_folder import (
+    CLOSE,
     COMPILER,
+    FAST,
     Folder,
     exported,
-    fits,
     of_instances,
     on_disk,
     run,
@@ -30,9 +28,7 @@ REPEATS = 15
 
 def missing() -> str:
     """Say why nothing is measured here; empty where it can be."""
-    if COMPILER is None:
-        return "there is no C compiler (cc)"
-    return "" if fits() else "no object code of the solver fits this processor"
+    return "" if COMPILER else "there is no C compiler (cc)"
 
 
 def ticks() -> int:
@@ -44,7 +40,7 @@ def measure(rounds: int, tick: Tick) -> list[Row]:
     """Solve an episode and the recorded instances in C and in Python, in turn.
 
     ``ratio`` is the median over the problems of C over Python, each by its best round;
-    processor time of the thread. ``equal`` says whether all plans have the same bytes.
+    processor time of the thread. ``equal`` says whether all inputs are the same to `CLOSE`.
     """
     rows = []
     with TemporaryDirectory(prefix="exported-") as place:
@@ -52,14 +48,14 @@ def measure(rounds: int, tick: Tick) -> list[Row]:
         rows.append({"problems": "an episode", **_both(*_episode(Path(place) / "loop"), rounds)})
         for count in COUNTS:
             tick(f"exported solver, {count} obstacles")
-            folder, problems = of_instances(count, Path(place) / str(count))
+            folder, problems = of_instances(count, Path(place) / str(count), str(COMPILER), FAST)
             rows.append({"problems": f"recorded, K = {count}", **_both(folder, problems, rounds)})
     return rows
 
 
 def _episode(place: Path) -> tuple[Folder, list[Any]]:
     """Drive the example's loop and return its problems."""
-    folder = on_disk(exported(), place)
+    folder = on_disk(exported(), place, str(COMPILER), FAST)
     done = run(folder.compiled(place / "loop.c"), "record")
     if done.returncode:
         raise RuntimeError(done.stderr)
@@ -85,7 +81,7 @@ def _both(folder: Folder, problems: Sequence[Any], rounds: int) -> Row:
     c, python = np.min(compiled, axis=0), np.min(called, axis=0)
     plans = [folder.by_python(problem).point for problem in problems]
     equal = all(
-        result["inputs"].tobytes() == plan.inputs.tobytes()
+        np.abs(result["inputs"] - plan.inputs).max() <= CLOSE
         for result, plan in zip(results, plans, strict=True)
     )
     return {

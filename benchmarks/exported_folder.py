@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wideberth.benchmarks.recorded_instances import read_instances
-from wideberth.experiments.cli.export import solver, subject
+from wideberth.experiments.cli.export import solver_of, subject
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.paper import Paper
@@ -20,33 +20,28 @@ from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.export.bundle import write_folder
-from wideberth.solvers.export.solver.files import bundle
-from wideberth.solvers.export.solver.measured import needs
-from wideberth.solvers.export.solver.native import Native, machine
-from wideberth.solvers.export.solver.needs import ExportedSolver
+from wideberth.solvers.export.solver.exported import ExportedSolver
+from wideberth.solvers.export.solver.files import SOURCES, bundle
 from wideberth.solvers.export.subject import Subject
-from wideberth.solvers.riccati import objects
 from wideberth.solvers.riccati.solver import Riccati
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAMS = ROOT / "tests" / "data" / "c"
 SAMPLE = ROOT / "tests" / "data" / "mpc_instances.npz"
 COMPILER = shutil.which("cc")
-STRICT = "-O2 -std=c99 -Wall -Wextra -pedantic -Werror -D_DEFAULT_SOURCE"
+STRICT = "-std=c99 -Wall -Wextra -Wpedantic -Werror -D_DEFAULT_SOURCE"
+QUICK, FAST = "-O1", "-O3 -fno-math-errno -fno-trapping-math"
+"""How a program is compiled soon, and how it runs fast."""
+CLOSE = 1e-9
+"""Largest difference between a number in C and Python's: compilers round differently."""
+LONG, CLOSE_AFTER = 80, 0.01
+"""Iterations after which rounding decides to which of several local minima an infeasible problem
+leads, and the largest relative difference of the total slack then."""
 STATUS = (Status.SOLVED, Status.LIMIT, Status.INFEASIBLE, Status.FAILED, Status.DEADLINE)
-
-
-def fits() -> bool:
-    """Whether object code of the solver fits this processor."""
-    try:
-        return bool(objects.fitting())
-    except WideberthError:
-        return False
 
 
 def planner(**settings: Any) -> Any:
@@ -59,12 +54,10 @@ def planner(**settings: Any) -> Any:
     return build("controllers", {**config, **settings})
 
 
-def exported(
-    target: str = "native", room: tuple[int, int, int] = (5, 0, 4), **settings: Any
-) -> ExportedSolver:
+def exported(room: tuple[int, int, int] = (5, 0, 4), **settings: Any) -> ExportedSolver:
     """Export such a planner's solver with room for so many discs, polygons and corners."""
     one = planner(**settings)
-    return solver(one, subject(one, room, "test, planner"), machine(target))
+    return solver_of(one, subject(one, room, "test, planner"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +66,14 @@ class Folder:
 
     solver: ExportedSolver
     place: Path
+    compiler: str = str(COMPILER)
+    level: str = QUICK
     programs: dict[tuple[Path, tuple[str, ...]], Path] = field(default_factory=dict)
 
     @property
     def problem(self) -> Problem:
         """The problem that it solves."""
-        return self.solver.native.subject.problem
+        return self.solver.subject.problem
 
     @property
     def given(self) -> "np.dtype[Any]":
@@ -138,7 +133,7 @@ class Folder:
     def written(self, parameters: Parameters, guess: Guess) -> Any:
         """Return the problem in C for what Python solves."""
         row = np.zeros((), dtype=self.given)
-        row["build"] = self.solver.native.build
+        row["build"] = self.solver.build
         row["initial"], row["reference"] = parameters.initial, parameters.reference
         row["direction"], row["speed"] = parameters.direction, parameters.speed
         row["start_states"], row["start_inputs"] = guess.states, guess.inputs
@@ -156,17 +151,21 @@ class Folder:
 
     def compiled(self, source: Path, *words: str) -> Path:
         """Compile a program with the export, without a warning, where it has not been yet."""
-        if (source, words) in self.programs:
-            return self.programs[source, words]
-        out = self.place / source.stem
-        files = [str(source), "wideberth_solver.c", "libwideberth.a", *words, "-lm"]
-        command = [str(COMPILER), *STRICT.split(), "-I", ".", "-o", str(out), *files]
+        if (source, words) not in self.programs:
+            if not self.programs:
+                self._compile("-c", *SOURCES)
+            out = self.place / source.stem
+            objects = [str(Path(name).with_suffix(".o")) for name in SOURCES]
+            self._compile("-I", ".", "-o", str(out), str(source), *objects, *words, "-lm")
+            self.programs[source, words] = out
+        return self.programs[source, words]
+
+    def _compile(self, *words: str) -> None:
+        command = [self.compiler, *self.level.split(), *STRICT.split(), *words]
         done = subprocess.run(
-            command, cwd=self.place, capture_output=True, text=True, check=False, timeout=120
+            command, cwd=self.place, capture_output=True, text=True, check=False, timeout=300
         )
         assert done.returncode == 0, done.stderr
-        self.programs[source, words] = out
-        return out
 
     def replayed(self, rows: Sequence[Any], times: int = 1) -> tuple[Any, Array, list[float]]:
         """Solve problems in C: results, violations, us."""
@@ -179,6 +178,15 @@ class Folder:
         found = np.frombuffer(second.read_bytes(), dtype=both)
         return found["result"], found["violation"], [float(line) for line in done.stdout.split()]
 
+    def point(self, result: Any) -> Guess:
+        """Return the plan of a result in C, with its slack."""
+        first = Guess.bare(result["states"], result["inputs"], float(result["level"]))
+        own = []
+        for k, slots in enumerate(self.solver.subject.parameters.slots):
+            given = slots.auxiliaries
+            own.append(result[f"auxiliaries{k}"] if given.size else given)
+        return replace(first, slack=result["slack"], auxiliaries=tuple(own))
+
     def by_python(self, row: Any) -> Solution:
         """Solve a problem in Python."""
         parameters, guess = self.instance(row)
@@ -186,21 +194,25 @@ class Folder:
         return settings.solve(self.problem, parameters, [guess])[0]
 
     def is_python_s(self, row: Any, result: Any) -> None:
-        """Hold a result in C against Python's: every number, bit for bit."""
+        """Compare a result in C with Python's, to `CLOSE`."""
         solution = self.by_python(row)
         point = solution.point
-        for name, values in (
-            ("states", point.states), ("inputs", point.inputs), ("slack", point.slack),
-            ("cost", np.float64(solution.cost)),
-        ):  # fmt: skip
-            assert result[name].tobytes() == values.tobytes(), name
+        assert STATUS[int(result["status"])] is solution.status
+        if solution.status is Status.INFEASIBLE and solution.iterations > LONG:
+            total = point.slack.sum()
+            np.testing.assert_allclose(result["slack"].sum(), total, CLOSE_AFTER)
+            return
+        assert abs(int(result["iterations"]) - solution.iterations) <= 1
+        np.testing.assert_allclose(result["cost"], solution.cost, 10.0 * CLOSE)  # slack is dear
+        for name in ("states", "inputs", "slack"):
+            np.testing.assert_allclose(
+                result[name], getattr(point, name), 0.0, CLOSE, err_msg=name
+            )
         if self.problem.shared:
-            assert result["level"] == point.level
+            np.testing.assert_allclose(result["level"], point.level, 0.0, CLOSE)
         for k, own in enumerate(point.auxiliaries):
             if own.size:
-                assert result[f"auxiliaries{k}"].tobytes() == own.tobytes()
-        assert int(result["iterations"]) == solution.iterations
-        assert STATUS[int(result["status"])] is solution.status
+                np.testing.assert_allclose(result[f"auxiliaries{k}"], own, 0.0, CLOSE)
 
 
 def run(program: Path, *words: str) -> "subprocess.CompletedProcess[str]":
@@ -211,13 +223,13 @@ def run(program: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     )  # fmt: skip
 
 
-def on_disk(one: ExportedSolver, place: Path) -> Folder:
-    """Write an export."""
+def on_disk(one: ExportedSolver, place: Path, *how: str) -> Folder:
+    """Write an export; ``how`` are compiler and level, see `Folder`."""
     write_folder(place, bundle(one), force=False)
-    return Folder(one, place)
+    return Folder(one, place, *how)
 
 
-def of_instances(count: int, place: Path) -> tuple[Folder, list[Any]]:
+def of_instances(count: int, place: Path, *how: str) -> tuple[Folder, list[Any]]:
     """Export the recorded problem with so many obstacles; return it and its instances."""
     robot, region = Unicycle(), MahalanobisEllipse()
     kinds = (GaussianDiscs(region),)
@@ -228,8 +240,6 @@ def of_instances(count: int, place: Path) -> tuple[Folder, list[Any]]:
     what = Subject(
         problem, first.parameters, first.guess, robot, kinds, Tracking(), {}, "recorded"
     )
-    native = Native(what, machine("native"), 0.0)
-    taken = needs(problem, first.parameters, first.guess, Riccati())
     aims = (policy.levels(region, 15, count, 2)[:, 0],)
-    folder = on_disk(ExportedSolver(native, Riccati(), taken, 0.5, aims), place)
+    folder = on_disk(ExportedSolver(what, Riccati(), 0.0, 0.5, aims), place, *how)
     return folder, [folder.written(one.parameters, one.guess) for one in some]

@@ -108,7 +108,6 @@ HOLDERS = {entry.path: entry.found for group in GROUPS for entry in group.entrie
 reference.write(HERE / "auto" / "reference", GROUPS)
 repository.write(HERE / "auto", sorted(HERE.glob("*.md")))
 repository.forget(HERE / "auto")
-tutorials.quiet_compiling()
 examples.draw(HERE / "auto" / "examples")
 examples.draw_first(HERE / "auto" / "first")
 gallery.write(HERE / "auto" / "pictures")

@@ -6,7 +6,6 @@ BUILT_IN = {
     "ipopt": "wideberth.solvers.ipopt:Ipopt",
     "fatrop": "wideberth.solvers.fatrop:Fatrop",
     "riccati": "wideberth.solvers.riccati.solver:Riccati",
-    "riccati_live": "wideberth.solvers.riccati.live:RiccatiLive",
 }
 
 __getattr__, __dir__, __all__ = lazy(

@@ -5,7 +5,6 @@
 from . import casadi_program as casadi_program
 from .fatrop import Fatrop as Fatrop
 from .ipopt import Ipopt as Ipopt
-from .riccati.live import RiccatiLive as RiccatiLive
 from .riccati.solver import Riccati as Riccati
-__all__ = ['Fatrop', 'Ipopt', 'Riccati', 'RiccatiLive']
+__all__ = ['Fatrop', 'Ipopt', 'Riccati']
 BUILT_IN: dict[str, str]

@@ -145,19 +145,19 @@ def _left() -> list[float]:
 
 @pytest.fixture(scope="module", autouse=True)
 def _memory_given_back(_left: list[float]) -> Iterator[None]:
-    """Drop compiled programs and figures after a test file that leaves its process large.
+    """Close figures after each test file, drop compiled programs where its process is large.
 
     It takes a second or two where much is held for good: after each file that would add up.
     """
     yield
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:  # Matplotlib warns of more than 20, whichever file left them open
+        pyplot.close("all")
     if resident() < max(_left[-1] + GROWN, LARGE):
         return
     solvers = sys.modules.get("wideberth.solvers.casadi_program")
     if solvers is not None:
         solvers._CACHE.clear()
-    pyplot = sys.modules.get("matplotlib.pyplot")
-    if pyplot is not None:
-        pyplot.close("all")
     jax = sys.modules.get("jax")
     if jax is not None:
         jax.clear_caches()

@@ -38,13 +38,6 @@ def with_notebook(page: str, name: str) -> str:
     return changed
 
 
-def quiet_compiling() -> None:
-    """Keep the lines that announce compiling out of the pages, which show what scripts print."""
-    from wideberth.solvers.riccati import compiled
-
-    compiled.announce = lambda line: None
-
-
 def notebook(script: Path) -> str:
     """Return a tutorial as a notebook without output."""
     from sphinx_gallery.gen_gallery import DEFAULT_GALLERY_CONF

@@ -633,25 +633,6 @@ def demo(
         _run(experiment, out / name, workers, True, plugins, True)
 
 
-@app.command()
-def warmup() -> None:
-    """Compile the fast solver `riccati`, so that its first use does not wait."""
-    import time
-
-    import numpy as np
-
-    from ...framework.mpc.planner.recommended import recommended
-    from ...framework.values.path import Path as Route
-    from ...solvers.riccati.compiled import LEAST_KINDS, core
-    from ..engine.progress import span
-
-    begin = time.monotonic()
-    core(LEAST_KINDS)  # the same for all planners; raises where nothing can be compiled
-    planner = recommended(quiet=True)
-    planner.set_path(Route(np.array([[0.0, 0.0], [5.0, 0.0]])))  # decides once, with none near
-    typer.echo(f"riccati is ready for the recommended planner; {span(time.monotonic() - begin)}")
-
-
 @app.command(no_args_is_help=True)
 def export(
     config: Config,
@@ -667,7 +648,7 @@ def export(
     ] = None,
     corners: Annotated[int, Option(help="Vertices that a polygon may have.")] = 4,
     solver: Annotated[
-        bool, Option("--solver", help="The solver as object code, not the problem in C.")
+        bool, Option("--solver", help="The solver in C, not the problem alone.")
     ] = False,
     planner: Annotated[
         bool,
@@ -676,13 +657,6 @@ def export(
             help="The whole planner without Python, with its solver; its predictor is kalman.",
         ),
     ] = False,
-    target: Annotated[
-        str | None,
-        Option(
-            help="Of --solver and --planner: native (this processor, the default), "
-            "linux-x86_64-v3 or linux-aarch64."
-        ),
-    ] = None,
     name: Annotated[
         str | None,
         Option(help="Of --planner: the ROS 2 package around it; wideberth_nav2 by default."),
@@ -692,16 +666,11 @@ def export(
 ) -> None:
     """Write a planner as C: its problem, its solver, or all of it; each with an example."""
     from ...solvers.export.planner.tables import NAV2
-    from ...solvers.export.solver.native import NATIVE
     from ..engine.progress import working
     from .export import export as write
 
     if solver and planner:
         raise WideberthError("--planner brings its solver: give --solver or --planner")
-    if target is not None and not (solver or planner):
-        raise WideberthError(
-            "--target says what object code is made for; give --solver or --planner with it"
-        )
     if name is not None and not planner:
         raise WideberthError("--name is that of a ROS 2 package; give --planner with it")
 
@@ -714,13 +683,12 @@ def export(
             obstacles=obstacles,
             polygons=polygons,
             corners=corners,
-            target=(target or NATIVE) if solver or planner else None,
+            solver=solver,
             whole=planner,
             package=NAV2 if name is None else name,
             force=force,
         )
-    object_code = solver or planner
-    what = "compiles the example" if object_code else "compiles and checks the example"
+    what = "compiles the example" if solver or planner else "compiles and checks the example"
     typer.echo(f"written: {out} ({source}); `make -C {out}` {what}")
 
 

@@ -30,10 +30,8 @@ from ...solvers.export.planner.files import bundle as planner_bundle
 from ...solvers.export.planner.kernels import kernels
 from ...solvers.export.planner.supported import refuse
 from ...solvers.export.planner.tables import NAV2, ExportedPlanner
+from ...solvers.export.solver.exported import ExportedSolver as ExportedSolver
 from ...solvers.export.solver.files import bundle as solver_bundle
-from ...solvers.export.solver.measured import needs
-from ...solvers.export.solver.native import NATIVE, Machine, Native, machine
-from ...solvers.export.solver.needs import ExportedSolver as ExportedSolver
 from ...solvers.export.subject import Subject
 from ...solvers.riccati.solver import Riccati
 from ..engine.base import Experiment
@@ -76,7 +74,7 @@ def export(
     obstacles: int = 5,
     polygons: int | None = None,
     corners: int = CORNERS[0],
-    target: str | None = None,
+    solver: bool = False,
     whole: bool = False,
     package: str = NAV2,
     force: bool = False,
@@ -90,8 +88,7 @@ def export(
     planner : name of one of the config's planners; the first by default.
     obstacles, polygons, corners : slots, and vertices of a polygon, at least; the planner's
         problems have room for some sizes alone, of which the next is taken.
-    target : what to make the solver's object code for, see `native.targets`; None writes no
-        solver but the problem's functions.
+    solver : whether the solver is written, not the problem's functions alone.
     whole : whether the planner around the solver is written too, with as many slots as it uses.
     package : name of the ROS 2 package around a whole planner.
     force : whether an older export is replaced.
@@ -116,25 +113,20 @@ def export(
         polygons = 0 if chosen.static_region is None else POLYGONS
     source = f"{config_path(config).stem}, {name}"
     if whole:
-        where = machine(target or NATIVE)
         path = dotted_path(experiment, name)
-        exported = whole_planner(chosen, source, where, corners, package, path)
+        exported = whole_planner(chosen, source, corners, package, path)
         write_folder(out, planner_bundle(exported), force=force)
         return source
     sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
     one = subject(chosen, sizes, source)
-    write_folder(
-        out,
-        bundle(one) if target is None else solver_bundle(solver(chosen, one, machine(target))),
-        force=force,
-    )
+    files = solver_bundle(solver_of(chosen, one)) if solver else bundle(one)
+    write_folder(out, files, force=force)
     return source
 
 
 def whole_planner(
     planner: Planner,
     source: str,
-    where: Machine,
     corners: int = CORNERS[0],
     package: str = NAV2,
     path: str = "planner",
@@ -143,7 +135,7 @@ def whole_planner(
 
     Parameters
     ----------
-    planner, source, where : what is exported, its title, and the target of its object code.
+    planner, source : what is exported, and its title.
     corners, package : as in `export`.
     path : dotted path of the planner in its config, for messages.
 
@@ -155,29 +147,20 @@ def whole_planner(
     most = _slots("most_obstacles", max(planner.most_obstacles, 1))
     still = 0 if planner.static_region is None else most
     one = subject(planner, (most, still, corners), source)
-    made = solver(planner, one, where)
-    exact = kernels(robot, one.problem)
-    return ExportedPlanner(
-        planner, replace(made, native=replace(made.native, exact=exact), more=True), package
-    )
+    further = kernels(robot, one.problem)
+    return ExportedPlanner(planner, replace(solver_of(planner, one), further=further), package)
 
 
-def solver(planner: Planner, one: Subject, where: Machine) -> ExportedSolver:
+def solver_of(planner: Planner, one: Subject) -> ExportedSolver:
     """Gather what is written of a planner's solver.
 
     The solver is `riccati`, with the planner's settings where it is the planner's own.
-
-    Raises
-    ------
-    WideberthError : no object code serves this problem.
     """
     settings = planner.solver if isinstance(planner.solver, Riccati) else Riccati()
-    native = Native(one, where, planner.margin)
     aims = tuple(_aim(planner, kind, slots) for kind, slots in zip(
         planner.kinds, one.problem.slots, strict=True
     ))  # fmt: skip
-    taken = needs(one.problem, one.parameters, one.guess, settings)
-    return ExportedSolver(native, settings, taken, planner.reference_speed, aims)
+    return ExportedSolver(one, settings, planner.margin, planner.reference_speed, aims)
 
 
 def _aim(planner: Planner, kind: SlotKind, slots: Slots) -> Array | None:

@@ -24,7 +24,8 @@ VERSION = 1
 MANIFEST = "manifest.json"
 
 _BUILT = ("example", "example.o", "wideberth.o", "stage_functions.o", "wideberth_nlp.o",
-          "nlp_functions.o", "loop", "loop_cpp", "wideberth_solver.o", "libwideberth_planner.a",
+          "nlp_functions.o", "loop", "loop_cpp", "wideberth_solver.o", "problem.o", "riccati.o",
+          "libwideberth.a", "libwideberth_planner.a",
           "libwideberth_planner.so", "wideberth_planner.o", "planner_tracks.o",
           "planner_forecast.o", "planner_motion.o", "planner_walls.o", "planner_scene.o",
           "planner_verify.o", "planner_ladder.o", "planner_end.o")  # fmt: skip
@@ -103,7 +104,7 @@ def _known(out: Path) -> set[str]:
     return {MANIFEST, *_BUILT, *(name for name in names if isinstance(name, str))}
 
 
-def write_folder(out: Path, files: Mapping[str, str | bytes], *, force: bool) -> None:
+def write_folder(out: Path, files: Mapping[str, str], *, force: bool) -> None:
     """Write files into a new folder, which appears whole or not at all.
 
     Raises
@@ -118,8 +119,7 @@ def write_folder(out: Path, files: Mapping[str, str | bytes], *, force: bool) ->
         raise WideberthError(f"{out} cannot be written: {error.strerror or error}") from None
     try:
         for name, content in files.items():
-            code = content if isinstance(content, bytes) else content.encode("utf-8")
-            (made / name).write_bytes(code)
+            (made / name).write_bytes(content.encode("utf-8"))
         made.chmod(0o755)
         _exchange(made, out)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Text of exported files, from templates that read as C, LLVM or Markdown."""
+"""Text of exported files, from templates that read as C or Markdown."""
 
 from functools import cache
 from pathlib import Path

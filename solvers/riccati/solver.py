@@ -1,4 +1,4 @@
-"""The solver ``riccati``: an interior point along the horizon, as compiled code."""
+"""The solver ``riccati``: an interior point along the horizon, in C."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -7,7 +7,7 @@ from functools import lru_cache
 from os import cpu_count
 from threading import Timer
 from time import perf_counter
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
@@ -25,11 +25,10 @@ from ...framework.mpc.solver import (
     refuse_unequal,
     unwrapped,
 )
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Status
 from ..fatrop import Fatrop
-from ._protocol import OUTCOME, SETTING, Numbers, Outcomes, Settings
 from .interior_point import (
     BARRIER_TEST,
     ITERATIONS,
@@ -45,27 +44,22 @@ from .interior_point import (
     TOLERANCE,
     WARM_DISTANCE,
 )
+from .problem import CoreProblem, core_problem
+from .workspace import ResultTable, SettingsTable, Workspace, run_all
 
-if TYPE_CHECKING:
-    from .compiled import CompiledProblem
-    from .workspace import Entry, Workspace
-
-_STATUS = Outcomes(
-    solved=Status.SOLVED,
-    limit=Status.LIMIT,
-    infeasible=Status.INFEASIBLE,
-    failed=Status.FAILED,
-    stopped=Status.DEADLINE,
-    same=Status.GIVEN_UP,
-    dearer=Status.GIVEN_UP,
+_STATUS = (
+    Status.SOLVED,
+    Status.LIMIT,
+    Status.INFEASIBLE,
+    Status.FAILED,
+    Status.DEADLINE,
+    Status.GIVEN_UP,
+    Status.GIVEN_UP,
 )
-"""What each outcome of the core is called outside."""
+"""What each ``wb_status`` of the core is called outside."""
 _NAMES = {status: str(status) for status in _STATUS}
-_WHY = {
-    OUTCOME.same: "it leads to the same plan as another",
-    OUTCOME.dearer: "it leads to a dearer plan than another",
-}
-"""Why the core gave a start up."""
+_WHY = {5: "it leads to the same plan as another", 6: "it leads to a dearer plan than another"}
+"""Why the core gave a start up, by its ``wb_status``."""
 PATIENT_ITERATIONS, PATIENT_PER_STEP, PATIENT_SHARE = 40.0, 1.5, 2.0
 """Where a plan is known, a further start is given up after the largest of so many iterations, so
 many per step, and so many times those of the quickest solve. In a crowd where no plan keeps all
@@ -83,34 +77,34 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
     search; regions soft by an exact penalty and, with all that belongs to one obstacle and step,
     eliminated by hand. It knows a problem by its stage functions alone: derivatives come from
-    CasADi, and all of it is compiled, so an iteration never enters Python.
+    CasADi, and an iteration never enters Python.
 
     Hard regions are held by a penalty as well, which is raised until they are kept: where
     nothing keeps them, the plan with the smallest violation comes back as ``infeasible``.
 
-    The first solve of a problem compiles for less than a second, later processes load the result.
-    The solver itself is shipped as object code; where that does not fit the processor, Numba
-    compiles it for a minute or two. Where neither is possible (no Numba, or a region with too
-    large an expression), `Fatrop` solves, and `Solution.stand_in` says so. A loop that must not
-    wait for Numba takes `RiccatiLive`.
+    The solver is an extension module in C. Where that was not built, `Fatrop` solves, and
+    `Solution.stand_in` says so.
 
     Parameters
     ----------
     iterations : limit.
     tolerance : of the optimality conditions, scaled as by IPOPT.
+    compile : whether the system's C compiler compiles the stage functions of a problem, once per
+        machine. Solves then take about two thirds of the time.
     """
 
     iterations: int = ITERATIONS
     tolerance: float = TOLERANCE
+    compile: bool = False
 
     def __post_init__(self) -> None:
         whole("riccati.iterations", self.iterations)
         positive("riccati.tolerance", self.tolerance)
 
     def always_ends(self, problem: Problem) -> bool:
-        """Whether the compiled core solves the problem: its iterations are limited."""
+        """Whether the core solves the problem: its iterations are limited."""
         try:
-            _compiled(problem)
+            self._prepared(problem)
         except WideberthError:  # fatrop does
             return False
         return True
@@ -136,7 +130,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
     ) -> list[Solution]:
         """Solve from each guess, but for those that lead to no cheaper plan.
 
-        See `_core.hopeless` and `_OtherPlans.most` for when a solve is given up.
+        See ``hopeless`` in core/riccati.c and `_OtherPlans.most` for when a solve is given up.
         """
         return self._each(problem, parameters, guesses, deadline, known, within)
 
@@ -153,18 +147,18 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
         begin = perf_counter()
         refuse_misfits(problem, parameters, [*guesses, *(one.point for one in known or ())])
         try:
-            made, run = _compiled(problem)
+            prepared = self._prepared(problem)
         except WideberthError as error:
             return by_fatrop(problem, parameters, guesses, deadline, str(error))
         solutions: list[Solution] = []
-        with made.workspace(parameters) as space:
+        with prepared.workspace(parameters) as space:
             space.fill(parameters)
             others = None if known is None else _OtherPlans(space, within)
             for one in known or ():
                 if others is not None and one.status is Status.SOLVED:
                     others.add(one)
             for guess in guesses:
-                found = self._one(problem, parameters, guess, deadline, space, run, begin, others)
+                found = self._one(problem, parameters, guess, deadline, space, begin, others)
                 found = on_time(found, perf_counter() - begin, deadline)
                 solutions.append(found)
                 if others is not None and found.status is Status.SOLVED:
@@ -190,14 +184,14 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
 
         refuse_unequal(parameters, guesses)
         try:
-            made, run = _compiled(problem)
+            prepared = self._prepared(problem)
         except WideberthError as error:
             why = str(error)
             pairs = zip(parameters, guesses, strict=True)
             return [by_fatrop(problem, one, [guess], None, why)[0] for one, guess in pairs]
 
         def part(some: slice) -> list[Solution]:
-            return self._row(problem, parameters[some], guesses[some], made, run)
+            return self._row(problem, parameters[some], guesses[some], prepared)
 
         count = len(guesses)
         threads = min(workers or cpu_count() or 1, max(count, 1))
@@ -213,29 +207,26 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
         problem: Problem,
         parameters: Sequence[Parameters],
         guesses: Sequence[Guess],
-        made: "CompiledProblem",
-        run: "Entry",
+        prepared: CoreProblem,
     ) -> list[Solution]:
-        """Solve instances one after the other, in one call of the compiled core."""
-        from .workspace import run_all
-
+        """Solve instances one after the other, in one call of the core."""
         begin, full = perf_counter(), []
         for one, guess in zip(parameters, guesses, strict=True):
             refuse_misfits(problem, one, [guess])
             full.append(with_auxiliaries(one, _with_wrapped_heading(problem, one, guess)))
         found = []
         with ExitStack() as lent:
-            spaces = [lent.enter_context(made.workspace(one)) for one in parameters]
+            spaces = [lent.enter_context(prepared.workspace(one)) for one in parameters]
             warm = []
             for space, one, guess in zip(spaces, parameters, full, strict=True):
                 space.fill(one)
                 warm.append(self._begin(problem, space, guess))
-            run_all(run, spaces)
+            run_all(spaces)
             spent = (perf_counter() - begin) / len(spaces)
             for begun, space, one, guess in zip(warm, spaces, parameters, full, strict=True):
                 since = perf_counter() - spent
                 if begun and _failed(problem, space.ended):
-                    found.append(self._one(problem, one, guess, None, space, run, since, None))
+                    found.append(self._one(problem, one, guess, None, space, since, None))
                 else:
                     found.append(self._result(problem, space, guess, 0, since))
         return found
@@ -246,30 +237,29 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
         parameters: Parameters,
         guess: Guess,
         deadline: float | None,
-        space: "Workspace",
-        run: "Entry",
+        space: Workspace,
         begin: float,
         others: "_OtherPlans | None",
     ) -> Solution:
-        """Call the compiled core and read its result.
+        """Call the core and read its result.
 
         From multipliers that lead nowhere the guess alone is taken.
         """
         guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
         before = 0
         warm = self._begin(problem, space, guess, others)
-        self._run(run, space, begin, deadline)
+        self._run(space, begin, deadline)
         if warm and _failed(problem, space.ended):
-            before = int(space.ended.iterations)
+            before = space.ended.iterations
             self._begin(problem, space, replace(guess, multipliers=None), others)
-            self._run(run, space, begin, deadline)
+            self._run(space, begin, deadline)
         cut = None if others is None else others.most
         return self._result(problem, space, guess, before, begin, cut)
 
     def _begin(
         self,
         problem: Problem,
-        space: "Workspace",
+        space: Workspace,
         guess: Guess,
         others: "_OtherPlans | None" = None,
     ) -> bool:
@@ -285,7 +275,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
     def _result(
         self,
         problem: Problem,
-        space: "Workspace",
+        space: Workspace,
         guess: Guess,
         before: int,
         begin: float,
@@ -296,44 +286,47 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
         Where ``cut`` is below the limit of iterations, a solve that reached it is given up. What
         is given up keeps its guess.
         """
-        ended, found = space.ended, space.found
-        status, cost, known = _status_of(problem, ended), ended.cost, None
+        ended, known = space.ended, None
+        status, cost = _status_of(problem, ended), ended.cost
         if status is Status.LIMIT and cut is not None and cut < self.iterations:
             status = Status.GIVEN_UP
         if status is Status.GIVEN_UP:
             words, spent = _words(status, ended), perf_counter() - begin
-            return Solution(guess, status, words, cost, before + int(ended.iterations), spent)
-        states, inputs, slack = found.states.copy(), found.inputs.copy(), found.slack.copy()
+            return Solution(guess, status, words, cost, before + ended.iterations, spent)
+        states, inputs, slack = space.states.copy(), space.inputs.copy(), space.slack.copy()
         own = tuple(array.copy() for array in space.own)
         if problem.penalty is not None:
             cost += problem.penalty * float(slack.sum())
-        if _STATUS[int(ended.status)] is Status.SOLVED:
+        if _STATUS[ended.status] is Status.SOLVED:
             known = Multipliers(
-                found.multipliers.copy(), tuple(array.copy() for array in space.after)
+                space.multipliers.copy(), tuple(array.copy() for array in space.after)
             )
         level = ended.level if problem.shared else float("nan")
         words, spent = _words(status, ended), perf_counter() - begin
         point = Guess(states, inputs, own, level, slack, known)
-        return Solution(point, status, words, cost, before + int(ended.iterations), spent)
+        return Solution(point, status, words, cost, before + ended.iterations, spent)
 
-    def _run(self, run: "Entry", space: "Workspace", begin: float, deadline: float | None) -> None:
-        """Call the compiled core on what the arrays hold."""
+    def _run(self, space: Workspace, begin: float, deadline: float | None) -> None:
+        """Call the core on what the arrays hold."""
         if deadline is None:
-            space.run(run)
+            space.run()
         else:
-            _until(begin + deadline, run, space)
+            _until(begin + deadline, space)
 
-    def settings_for(self, problem: Problem, guess: Guess, *, warm: bool = False) -> Array:
-        """Collect the settings of the compiled core, by the names of `_protocol.Settings`.
+    def _prepared(self, problem: Problem) -> CoreProblem:
+        return core_problem(problem, self.compile)
+
+    def settings_for(self, problem: Problem, guess: Guess, *, warm: bool = False) -> SettingsTable:
+        """Collect the settings of the core.
 
         ``warm`` says whether multipliers are given.
         """
         settings = _settings_of(self, problem).copy()
         if problem.shared:
-            settings[SETTING.guess] = guess.level
+            settings.guess = guess.level
         if warm:
-            settings[SETTING.warm], settings[SETTING.push] = 1.0, WARM_DISTANCE
-            settings[SETTING.test] = BARRIER_TEST  # the start is near, whatever the horizon
+            settings.warm, settings.push = 1.0, WARM_DISTANCE
+            settings.test = BARRIER_TEST  # the start is near, whatever the horizon
         return settings
 
 
@@ -346,7 +339,7 @@ class _OtherPlans:
     within : how near to a plan another start leads to the same one.
     """
 
-    def __init__(self, space: "Workspace", within: float) -> None:
+    def __init__(self, space: Workspace, within: float) -> None:
         self._space, self._within = space, within
         self._count, self._best, self._fewest = 0, np.inf, np.inf
 
@@ -363,15 +356,15 @@ class _OtherPlans:
     @property
     def most(self) -> float:
         """Iterations after which a start is given up; infinite where no plan is known."""
-        steps = len(self._space.found.inputs)
+        steps = len(self._space.inputs)
         patient = max(PATIENT_ITERATIONS, PATIENT_PER_STEP * steps)
         return max(patient, PATIENT_SHARE * self._fewest)
 
-    def write(self, settings: Array) -> None:
+    def write(self, settings: SettingsTable) -> None:
         """Write the plans that are known into the settings of the next solve."""
-        settings[SETTING.plans], settings[SETTING.best] = self._count, self._best
-        settings[SETTING.within] = self._within
-        settings[SETTING.iterations] = min(settings[SETTING.iterations], np.floor(self.most))
+        settings.plans, settings.best = self._count, self._best
+        settings.within = self._within
+        settings.iterations = min(settings.iterations, np.floor(self.most))
 
 
 def by_fatrop(
@@ -387,13 +380,13 @@ def by_fatrop(
 
 
 @lru_cache(maxsize=8)
-def _settings_of(solver: Riccati, problem: Problem) -> Array:
+def _settings_of(solver: Riccati, problem: Problem) -> SettingsTable:
     """Return the settings of the core for a problem, whatever the guess."""
     price = highest = problem.penalty
     long = problem.horizon >= LONG
     if price is None or highest is None:
         price, highest = LONG_PENALTY if long else START_PENALTY, MOST_PENALTY
-    settings = Settings(
+    return SettingsTable(
         iterations=solver.iterations,
         tolerance=solver.tolerance,
         barrier=LONG_BARRIER if long else START_BARRIER,
@@ -409,27 +402,17 @@ def _settings_of(solver: Riccati, problem: Problem) -> Array:
         best=np.inf,
         within=0.0,
     )
-    return np.array(settings)
 
 
-@lru_cache(maxsize=8)
-def _compiled(problem: Problem) -> "tuple[CompiledProblem, Entry]":
-    """Kernels of a problem and the core; the latest problems are looked up by identity."""
-    from .compiled import compiled_problem, core
-
-    made = compiled_problem(problem)
-    return made, core(len(made.kinds))
-
-
-def _failed(problem: Problem, ended: Numbers) -> bool:
+def _failed(problem: Problem, ended: ResultTable) -> bool:
     """Whether a solve from multipliers led nowhere, so that the guess alone is tried."""
     fine = Status.SOLVED, Status.DEADLINE, Status.GIVEN_UP
     return _status_of(problem, ended) not in fine
 
 
-def _status_of(problem: Problem, ended: Numbers) -> Status:
+def _status_of(problem: Problem, ended: ResultTable) -> Status:
     """How the core ended; where regions are soft, slack that is left is paid for."""
-    status = _STATUS[int(ended.status)]
+    status = _STATUS[ended.status]
     paid = problem.penalty is not None and status is Status.INFEASIBLE
     return Status.SOLVED if paid else status
 
@@ -453,23 +436,23 @@ def with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
     return Guess(guess.states, guess.inputs, own, guess.level, guess.slack, guess.multipliers)
 
 
-def _until(end: float, run: "Entry", space: "Workspace") -> None:
+def _until(end: float, space: Workspace) -> None:
     """Run, and ask the core to stop at a time; another thread sets the flag that it looks at."""
-    stop = np.zeros(1)  # of this call alone: the other thread may be late
-    timer = Timer(max(end - perf_counter(), 0.0), stop.fill, (1.0,))
+    stop = np.zeros(1, dtype=np.int64)  # of this call alone: the other thread may be late
+    timer = Timer(max(end - perf_counter(), 0.0), stop.fill, (1,))
     timer.daemon = True
     timer.start()
     try:
-        space.run(run, stop)
+        space.run(stop)
     finally:
         timer.cancel()
 
 
-def _words(status: Status, ended: Numbers) -> str:
+def _words(status: Status, ended: ResultTable) -> str:
     """How the solve ended, in words."""
     if status is Status.INFEASIBLE:
         return "no plan keeps every region; this one enters them least, as far as was found"
-    words = f"{_NAMES[status]} after {ended.iterations:.0f} iterations"
+    words = f"{_NAMES[status]} after {ended.iterations} iterations"
     if status is Status.GIVEN_UP:
-        return f"{words}: {_WHY.get(int(ended.status), 'it takes far longer than another')}"
+        return f"{words}: {_WHY.get(ended.status, 'it takes far longer than another')}"
     return f"{words}, error {ended.error:.1e}"

@@ -5,13 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine import progress as module
 from wideberth.experiments.engine.progress import progress, time_left, working
-from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.values.errors import WideberthError
-from wideberth.solvers.riccati import compiled
-from wideberth.solvers.riccati.solver import Riccati
 
 
 def test_the_range_holds_what_then_comes() -> None:
@@ -51,23 +46,3 @@ def test_quick_work_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     with progress(1) as advance, working("drawing"):
         advance()
     assert capsys.readouterr() == ("", "")
-
-
-def test_warmup_compiles_the_core_and_begins_with_riccati(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    begun: list[object] = []
-
-    def fails(kinds: int) -> None:
-        raise WideberthError("nothing can be compiled here")
-
-    monkeypatch.setattr(compiled, "core", begun.append)
-    monkeypatch.setattr(Planner, "set_path", lambda self, path: begun.append(self.solver))
-    with pytest.raises(SystemExit) as end:
-        cli.main(["warmup"])
-    assert not end.value.code and begun == [compiled.LEAST_KINDS, Riccati()]
-    assert capsys.readouterr().out == "riccati is ready for the recommended planner; 0 s\n"
-    monkeypatch.setattr(compiled, "core", fails)
-    with pytest.raises(SystemExit) as end:
-        cli.main(["warmup"])
-    assert end.value.code == 2 and "nothing can be compiled here" in capsys.readouterr().err

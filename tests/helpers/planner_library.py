@@ -28,7 +28,6 @@ from wideberth.framework.values.polygon import Polygon
 from wideberth.solvers.export.bundle import write_folder
 from wideberth.solvers.export.planner.files import SOURCES, bundle
 from wideberth.solvers.export.planner.tables import NAV2
-from wideberth.solvers.export.solver.native import NATIVE, machine
 
 COMPILER = shutil.which("cc")
 STRICT = "-std=c99 -Wall -Wextra -Wpedantic -Werror -ffp-contract=off -fPIC".split()
@@ -48,7 +47,7 @@ def planner(**settings: Any) -> Planner:
 
 def exported(made: Planner, place: Path, package: str = NAV2) -> Path:
     """Write the bundle of a planner into a new folder."""
-    whole = whole_planner(made, "test", machine(NATIVE), package=package)
+    whole = whole_planner(made, "test", package=package)
     write_folder(place, bundle(whole), force=False)
     return place
 
@@ -56,8 +55,7 @@ def exported(made: Planner, place: Path, package: str = NAV2) -> Path:
 def compiled(place: Path, out: str, *words: str) -> Path:
     """Compile a bundle, with further sources and flags, to a file beside it."""
     assert COMPILER is not None
-    sources = [*SOURCES, "wideberth_solver.c"]
-    call = [COMPILER, *STRICT, *words, "-o", out, *sources, "libwideberth.a", "-lm"]
+    call = [COMPILER, *STRICT, *words, "-o", out, *SOURCES, "-lm"]
     done = subprocess.run(call, cwd=place, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return place / out

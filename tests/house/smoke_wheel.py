@@ -76,9 +76,11 @@ class Environment:
 
 
 def draws(made: Environment) -> None:
-    """Run the README's script."""
+    """Import what was compiled, and run the README's script."""
     where = made.call("python", "-c", "import wideberth; print(wideberth.__file__)")
     assert Path(where.strip()).is_relative_to(made.folder.resolve()), where
+    for module in ("framework.programs._evaluator", "solvers.riccati._core"):
+        made.call("python", "-c", f"import wideberth.{module}")
     (script,) = blocks("README.md", "python")
     made.call("python", "-c", script)
     assert (made.folder / "plan.png").stat().st_size > 10_000

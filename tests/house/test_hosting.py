@@ -15,8 +15,8 @@ FILES = [*sorted(HOSTED.rglob("*.yml")), ROOT / ".readthedocs.yaml"]
 FILES += [ROOT / ".pre-commit-config.yaml", ROOT / "CITATION.cff"]
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 TARGETS = set(re.findall(r"^([a-z]+):", MAKEFILE, re.MULTILINE))
-PINNED = re.compile(r"[\w-]+/[\w-]+@(v\d+|release/v\d+)")
-"""As `actions/checkout@v5`: a major version."""
+PINNED = re.compile(r"[\w-]+/[\w-]+@(v\d+(\.\d+\.\d+)?|release/v\d+)")
+"""As `actions/checkout@v5`: a major version, or a whole one where there is no tag of that."""
 
 
 def read(path: Path) -> Any:
@@ -31,7 +31,8 @@ def jobs(name: str) -> dict[str, Any]:
 
 def steps() -> list[dict[str, Any]]:
     """Return the steps of all workflows and of the action that they share."""
-    found = [step for name in WORKFLOWS for job in jobs(name).values() for step in job["steps"]]
+    found = [step for name in WORKFLOWS for job in jobs(name).values()
+             for step in job.get("steps", [])]  # fmt: skip
     actions = [read(path) for path in sorted((HOSTED / "actions").rglob("action.yml"))]
     return [*found, *(step for action in actions for step in action["runs"]["steps"])]
 
@@ -97,6 +98,16 @@ def test_only_a_published_release_goes_to_the_index() -> None:
     assert release["on"] == {"release": {"types": ["published"]}}
     trusted = {name: job.get("permissions") for name, job in release["jobs"].items()}
     assert trusted == {"build": None, "publish": {"id-token": "write"}}
+    assert release["jobs"]["build"]["uses"] == "./.github/workflows/wheel.yml"
+    assert "workflow_call" in read(WORKFLOWS["wheel"])["on"]
+
+
+def test_wheels_are_built_for_every_system_and_import_what_was_compiled() -> None:
+    systems = jobs("wheel")["binaries"]["strategy"]["matrix"]["system"]
+    kinds = {"ubuntu-latest", "ubuntu-24.04-arm", "macos-latest", "windows-latest"}
+    assert kinds <= set(systems)
+    tried = SETTINGS["tool"]["cibuildwheel"]["test-command"]
+    assert "programs._evaluator" in tried and "riccati._core" in tried
 
 
 @pytest.mark.parametrize("name", ["bug", "wish"])

@@ -26,9 +26,6 @@ HEAVY = {
     "numba", "mujoco", "rosbags", "rclpy", "scipy", "shapely", "loky", "cloudpickle", "jinja2",
     "platformdirs", "pyarrow", "pyrvo",
 }  # fmt: skip
-COMPILED = ROOT / "solvers" / "riccati" / "_core.py"
-"""The file for Numba, imported only to be compiled. Its functions are longer: whatever a
-function calls is compiled into it once more, so that a tree of small ones takes minutes."""
 
 
 def files_of(room: str) -> list[Path]:
@@ -71,7 +68,7 @@ ARROWS: dict[str, set[str]] = {
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
-    "framework/jit": {"framework/numerics", "framework/plugins", "framework/values"},
+    "framework/programs": {"framework/numerics", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
@@ -125,7 +122,7 @@ LAYERS = [
         "risk",
         "tracking",
         "control",
-        "jit",
+        "programs",
     ),
     *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc"),
     *("mpc/planner", "mpc/diagnosis", "testing", "__init__"),
@@ -258,7 +255,7 @@ def test_heavy_libraries_are_imported_late(room: str) -> None:
         f"{path.relative_to(ROOT)} imports {module}"
         for path in files_of(room)
         for module in imported_at_once(path)
-        if module in HEAVY and not (path == COMPILED and module == "numba")
+        if module in HEAVY
     ]
     assert not wrong, "import it inside the function"
 
@@ -293,8 +290,7 @@ def test_functions_are_short(room: str) -> None:
         f"{path.relative_to(ROOT)}: {node.name} has {lines_below_docstring(node)}"
         for path in files_of(room)
         for node in ast.walk(parsed(path))
-        if isinstance(node, ast.FunctionDef)
-        and lines_below_docstring(node) > (120 if path == COMPILED else 40)
+        if isinstance(node, ast.FunctionDef) and lines_below_docstring(node) > 40
     ]
     assert not wrong, "lines below the docstring; wanted at most 40"
 

@@ -1,6 +1,7 @@
 """What is listed is what there is, and the wheel holds that and nothing else."""
 
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -97,10 +98,9 @@ def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path)
     wanted |= {f"wideberth/docs/{name}.md" for name in ("results", "metrics")}  # for reports
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
     wanted |= {"wideberth/nav2/names.yaml"}
-    core = ROOT / "solvers/riccati"
-    shipped = [*core.glob("*.ll"), *(core / "objects").iterdir()]
-    shipped += (ROOT / "framework/jit/objects").iterdir()
-    wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
+    sources = [*(ROOT / "framework/programs").glob("*.[ch]")]
+    sources += (ROOT / "solvers/riccati/core").iterdir()
+    wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in sources}
     programs = [*(ROOT / "solvers/export").glob("*/c/*")]
     programs += (ROOT / "solvers/export/planner/nav2").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in programs}
@@ -111,7 +111,11 @@ def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path)
     assert f"wideberth-{wideberth.__version__}.dist-info/METADATA" in names
     licences = {name.partition("/licenses/")[2] for name in names if "/licenses/" in name}
     assert licences == {"LICENSE", "experiments/data/dynabarn_MIT.txt"}
-    other = {name for name in names - wanted if ".dist-info/" not in name}
+    compiled = {name for name in names if name.endswith((".so", ".pyd"))}
+    stems = {name.partition(".")[0] for name in compiled}
+    made = {"wideberth/framework/programs/_evaluator", "wideberth/solvers/riccati/_core"}
+    assert stems == (made if shutil.which("cc") else set()) and len(compiled) == len(stems)
+    other = {name for name in names - wanted - compiled if ".dist-info/" not in name}
     data = tuple(f"wideberth/{folder}/" for folder in DATA)
     assert all(name.startswith(data) for name in other), other
 

@@ -19,6 +19,8 @@ import pytest
 from wideberth.tests.house.test_imports import ROOMS, ROOT, parsed
 
 PACKAGE = [ROOT / "__init__.py", *(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))]
+COMPILED = [path for room in ROOMS for path in (ROOT / room).rglob("_[a-z]*.pyi")]
+"""What is known of extension modules."""
 AROUND = [
     path
     for folder in ("benchmarks", "docs", "examples")
@@ -54,7 +56,7 @@ Names = dict[str, ast.stmt]
 def modules() -> dict[str, Names]:
     """Return what each module defines or imports, by its name within the package."""
     found = {}
-    for path in [*PACKAGE, *AROUND]:
+    for path in [*PACKAGE, *COMPILED, *AROUND]:
         parts = path.relative_to(ROOT).with_suffix("").parts
         names = dict(_defined(parsed(path).body))
         if parts[-1] == "__init__":

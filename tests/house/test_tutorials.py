@@ -1,9 +1,7 @@
 """The tutorials as notebooks: a kernel executes them, and every cell that draws shows it."""
 
 import json
-import os
 import re
-import subprocess
 import sys
 import tomllib
 from dataclasses import fields
@@ -119,27 +117,6 @@ def test_the_planners_of_the_sixth_differ_in_one_setting() -> None:
     differing = [one for one in settings if repr(getattr(own, one)) != repr(getattr(other, one))]
     assert differing == ["level"]
     assert other.level.tail == 0.999 and "hold 0.1 % of where" in text
-
-
-def test_pages_do_not_show_that_kernels_are_compiled(tmp_path: Path) -> None:
-    conf = (TUTORIALS.parent / "conf.py").read_text(encoding="utf-8")
-    (quiet,) = re.findall(r"^tutorials\.quiet_compiling\(\)$", conf, re.MULTILINE)
-    script = """
-from _site import tutorials
-{quiet}
-from wideberth import Observation, Path, recommended
-planner = recommended("unicycle")
-planner.set_path(Path([(0, 0), (12, 0)]))
-planner.command(Observation(0.0, (0, 0.2, 0, 0.5, 0)))
-"""
-    for first, said in (("", True), (quiet, False)):
-        folder = tmp_path / str(said)
-        done = subprocess.run(
-            [sys.executable, "-c", script.format(quiet=first)], cwd=TUTORIALS.parent, text=True,
-            capture_output=True, timeout=120, env={**os.environ, "WIDEBERTH_CACHE": str(folder)},
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        assert ("compiling kernels" in done.stderr) is said and any(folder.rglob("*"))
 
 
 def test_names_of_pages_are_links_in_a_notebook(tutorials: Any) -> None:

@@ -1,9 +1,10 @@
 """Starts that lead to no cheaper plan are given up; solves from all of them are the oracle."""
 
+import ctypes
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,16 +27,24 @@ from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
-from wideberth.solvers.riccati import _core as core
 from wideberth.solvers.riccati import solver
-from wideberth.solvers.riccati._protocol import OUTCOME, SETTING
-from wideberth.solvers.riccati.live import RiccatiLive
 from wideberth.solvers.riccati.solver import Riccati
+from wideberth.solvers.riccati.workspace import KindTable, ProblemTable, SettingsTable, address
 from wideberth.tests.helpers.problems import assemble
+from wideberth.tests.helpers.riccati_parts import Parts, compile_parts
 
 SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 ROBOT = Unicycle()
 WITHIN = SAME * ROBOT.radius
+
+
+WB_SAME = 5
+"""Of enum wb_status in riccati.h."""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return compile_parts(tmp_path_factory.mktemp("parts"))
 
 
 @pytest.fixture(scope="module")
@@ -159,26 +168,25 @@ def test_a_start_beside_a_known_plan_goes_on_where_it_leads_elsewhere(
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_same_plan_is_near_now_and_nearer_after_the_whole_step(
-    here: float, there: float, same: bool, sign: float
+    here: float, there: float, same: bool, sign: float, library: Any
 ) -> None:
     """Distances as shares of the one within which plans are the same; it ends at 1 and 0.6."""
     within, steps, moved = 0.3, 4, 3
-    settings = np.zeros(1 + max(SETTING))
-    settings[SETTING.plans], settings[SETTING.within] = 2, within
-    settings[SETTING.best] = np.inf
+    seen = np.array([0, 2])
+    settings = SettingsTable(plans=2.0, within=within, best=np.inf)
     plans = np.random.default_rng(0).normal(size=(2, 1 + steps, 3))
-    now, step = np.zeros((3, 1 + steps)), np.zeros((3, 1 + steps))
+    kind = KindTable(slots=1, entries=2, depends=address(seen))
+    problem = ProblemTable(n=3, m=0, steps=steps)
+    parts = Parts(library, problem, kind, [1.0], settings, plans)
+    now, step = (parts.array(name, 3)[:, : 1 + steps] for name in ("v", "dv"))
     now[:] = plans[1].T  # the second plan; the first is far away
     plans[0] += 10.0
     now[:, 0] += 5.0  # where the robot is, which no plan changes
     now[1] += 5.0  # a state that is not compared
     now[2, moved] += sign * here * within
     step[2, moved] = sign * (there - here) * within
-    outcome = core.hopeless.py_func(
-        SimpleNamespace(steps=steps), SimpleNamespace(v=now), SimpleNamespace(v=step), (0, 2),
-        plans, settings, 0.0, 0.0,
-    )  # fmt: skip
-    assert outcome == (OUTCOME.same if same else -1)
+    outcome = library.parts_hopeless(ctypes.c_double(0.0), ctypes.c_double(0.0))
+    assert outcome == (WB_SAME if same else -1)
 
 
 def test_a_plan_that_enters_regions_makes_no_other_too_dear(recorded: list[Instance]) -> None:
@@ -243,8 +251,6 @@ def test_a_plain_solver_solves_from_each(recorded: list[Instance]) -> None:
     assert not isinstance(Fatrop(), CheapestSolver)
     found = solve_cheapest(Fatrop(), *given, first, WITHIN)
     assert Status.GIVEN_UP not in {one.status for one in found} and len(found) == len(starts)
-    own, live = (solve_cheapest(a, *given, first, WITHIN) for a in (Riccati(), RiccatiLive()))
-    assert [one.message for one in own] == [one.message for one in live]
     with pytest.raises(WideberthError, match="states is"):
         short = replace(first[0].point, states=first[0].point.states[1:])
         raced(one, starts, [replace(first[0], point=short)])

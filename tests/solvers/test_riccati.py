@@ -34,7 +34,6 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.ipopt import Ipopt
-from wideberth.solvers.riccati._protocol import SETTING
 from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble, slots_of
 
@@ -158,16 +157,11 @@ def test_settings_of_a_long_horizon(instances: ModuleType) -> None:
         instances.Recipe(Unicycle(), MahalanobisEllipse(), Fixed(), 1, steps) for steps in (59, 60)
     ]
     (short,), (long,) = (recipe.make(range(1)) for recipe in recipes)
-    given = [
-        [
-            Riccati().settings_for(made.problem, made.guess)[place]
-            for place in (SETTING.barrier, SETTING.test, SETTING.penalty)
-        ]
-        for made in (short, long)
-    ]
+    settings = [Riccati().settings_for(made.problem, made.guess) for made in (short, long)]
+    given = [[one.barrier, one.test, one.penalty] for one in settings]
     assert given == [[0.1, 1e3, 1e4], [1.0, 10.0, 1e6]]
     soft = replace(long.problem, penalty=1e4)
-    assert Riccati().settings_for(soft, long.guess)[SETTING.penalty] == 1e4
+    assert Riccati().settings_for(soft, long.guess).penalty == 1e4
 
 
 def test_a_hundred_obstacles(instances: ModuleType) -> None:

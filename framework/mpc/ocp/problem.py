@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ...jit.exact import Exact
 from ...numerics.symbolic import Mapped, ca
+from ...programs.evaluate import ColumnFunctions
 from ...region import Auxiliary
 from ...robot import Bounds
 from ...values.arrays import Array
-from ...values.errors import WideberthError
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,40 +222,18 @@ class Problem:
         return Mapped(self.residuals)
 
     @cached_property
-    def constraint_values(self) -> Exact | None:
-        """Constraints compiled: `motion` of a step, and `slotK` of one slot of kind K.
+    def constraint_values(self) -> ColumnFunctions:
+        """Constraints at many columns: `motion` of a step, and `slotK` of one slot of kind K.
 
         ``motion`` is of (x_i, u_i, x_{i+1}): gaps of the dynamics, then robot limits and room as
         in `residuals`; ``slotK`` of (x, auxiliaries, s) and the numbers of a slot: inequalities,
-        then equalities. None where they cannot be compiled, or are not yet, see `compile_later`.
+        then equalities.
         """
-        return self._compiled()
-
-    def compile_later(self) -> None:
-        """Leave `constraint_values` to `compile_now`, unless they are there; until then none are.
-
-        To compile may take seconds, and longer where another thread does so: LLVM has one lock.
-        """
-        known = vars(self)
-        if "constraint_values" not in known:
-            known["constraint_values"], known["_pending"] = None, True
-
-    def compile_now(self) -> None:
-        """Compile the `constraint_values` that were left for later; one thread alone does so."""
-        known = vars(self)
-        if known.pop("_pending", False):
-            known["constraint_values"] = self._compiled()
-
-    def _compiled(self) -> Exact | None:
-        """Compile the constraints; None where they cannot be."""
-        try:
-            return Exact(self.constraint_functions)
-        except WideberthError:
-            return None
+        return ColumnFunctions(self.constraint_functions)
 
     @property
     def constraint_functions(self) -> dict[str, Any]:
-        """What `constraint_values` compiles, by name, each of two vectors."""
+        """What `constraint_values` evaluates, by name, each of two vectors."""
         x, u, following = (
             ca.SX.sym("x", self.states),
             ca.SX.sym("u", self.inputs),

@@ -98,13 +98,7 @@ class MultiStart:
     budget: Budget
 
     def run(self, instance: Instance, first: Guess, obstacle_in_way: bool) -> MultiStartResult:
-        """Solve; ``obstacle_in_way`` is what the last outcome said.
-
-        With a deadline the constraints of the re-check are compiled where the solver is called,
-        and until that is done the plans are re-checked without.
-        """
-        if self.budget.deadline is not None:
-            instance.problem.compile_later()
+        """Solve; ``obstacle_in_way`` is what the last outcome said."""
         try:
             return self._run(instance, first, obstacle_in_way)
         except (SolverTimeout, SolverRefused) as error:

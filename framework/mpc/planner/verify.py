@@ -227,8 +227,8 @@ def violations(
     """Evaluate every constraint of the problem at several points, see `violation`."""
     if not points:
         return []
-    values = _interpreted if problem.constraint_values is None else _compiled
-    motion, into_regions = values(problem, parameters, points)
+    motion = _motion(problem, points)
+    into_regions = _entered_at(problem, parameters, points)
     for own, point in zip(motion, points, strict=True):
         own[0] = max(own[0], np.maximum.reduce(np.abs(point.states[0] - parameters.initial)))
     if problem.ends_at_rest:
@@ -256,16 +256,7 @@ def entered(
     shares : S shares of the slots' levels at which the points are looked at; None for 1. Where
         the level is shared, it is the point's, and they change nothing.
     """
-    if problem.constraint_values is None:
-        count = len(points) if shares is None else len(shares)
-        every = [*points] * (count if len(points) == 1 else 1)
-        found = [
-            _interpreted(problem, at_share(parameters, share), [point])[1]
-            for point, share in zip(every, shares or [1.0] * count, strict=True)
-        ]
-        into_regions = np.concatenate(found)
-    else:
-        into_regions = _entered_at(problem, parameters, points, shares)
+    into_regions = _entered_at(problem, parameters, points, shares)
     if not all_finite(into_regions):  # as in `violations`
         into_regions[~np.isfinite(into_regions).all(axis=(1, 2))] = 0.0
     return into_regions
@@ -280,21 +271,17 @@ def at_share(parameters: Parameters, share: float) -> Parameters:
     return replace(parameters, slots=slots)
 
 
-def _compiled(
-    problem: Problem, parameters: Parameters, points: Sequence[Guess]
-) -> tuple[Array, Array]:
-    """How far S points break the motion (S, N), and enter regions (S, N, K)."""
-    values = problem.constraint_values
-    assert values is not None
+def _motion(problem: Problem, points: Sequence[Guess]) -> Array:
+    """How far S points break the motion, (S, N)."""
     n, m, steps = problem.states, problem.inputs, problem.horizon
     states = _stacked([point.states for point in points]).transpose(2, 0, 1)
     steps_of = np.empty((2 * n + m, len(points), steps))
     steps_of[:n], steps_of[n + m :] = states[..., :-1], states[..., 1:]
     steps_of[n : n + m] = _stacked([point.inputs for point in points]).transpose(2, 0, 1)
-    rows = values("motion", steps_of, _NONE)
+    rows = problem.constraint_values("motion", steps_of, _NONE)
     broken = np.maximum.reduce(np.abs(rows[:n]), axis=0, initial=0.0)
-    motion = np.maximum(broken, np.maximum.reduce(-rows[n:], axis=0, initial=0.0))
-    return motion, _entered_at(problem, parameters, points)
+    motion: Array = np.maximum(broken, np.maximum.reduce(-rows[n:], axis=0, initial=0.0))
+    return motion
 
 
 def _entered_at(
@@ -303,9 +290,7 @@ def _entered_at(
     points: Sequence[Guess],
     shares: Sequence[float] | None = None,
 ) -> Array:
-    """Evaluate `entered` by compiled functions."""
-    values = problem.constraint_values
-    assert values is not None
+    """How far points enter regions, as in `entered`; what is not finite stays."""
     n, steps, shared = problem.states, problem.horizon, problem.shared
     count = len(points) if shares is None else len(shares)
     states = _stacked([point.states[1:] for point in points]).transpose(2, 0, 1)[..., None]
@@ -324,7 +309,9 @@ def _entered_at(
         together, columns = (count, steps * slots.count), numbers.columns
         if shares is not None and numbers.level is not None:
             together, columns = (1, -1), numbers.columns_at(np.asarray(shares))
-        rows = values(f"slot{place}", given.reshape(len(given), *together), columns)
+        rows = problem.constraint_values(
+            f"slot{place}", given.reshape(len(given), *together), columns
+        )
         rows, tied = rows.reshape(-1, *given.shape[1:]), slots.inequalities
         deep = np.maximum.reduce(-rows[:tied], axis=0, initial=0.0)
         if tied < len(rows):
@@ -337,26 +324,6 @@ def _entered_at(
 
 
 _NONE = np.zeros((0, 0))
-
-
-def _interpreted(
-    problem: Problem, parameters: Parameters, points: Sequence[Guess]
-) -> tuple[Array, Array]:
-    """Evaluate the same as `_compiled` by CasADi's virtual machine."""
-    motion = np.empty((len(points), problem.horizon))
-    into_regions = np.empty((*motion.shape, sum(one.count for one in problem.slots)))
-    for k, point in enumerate(points):
-        dynamics, robot_limits, bounds, _, *rows = _evaluated(problem, parameters, point)
-        parts = [np.abs(dynamics), -robot_limits, -bounds]
-        motion[k] = np.concatenate(parts, axis=1).max(axis=1, initial=0.0)
-        begun = 0
-        pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
-        for slots, numbers, outside, tied in pairs:
-            if slots.count:
-                own = into_regions[k, :, begun : begun + slots.count]
-                own[...] = _deepest(outside, tied, slots.count) * numbers.active
-                begun += slots.count
-    return motion, into_regions
 
 
 def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
@@ -384,15 +351,3 @@ def _lifted(problem: Problem, point: Guess) -> list[Array]:
     if not point.auxiliaries:
         return [np.zeros((problem.horizon, 0))] * len(problem.slots)
     return [own.reshape(problem.horizon, -1) for own in point.auxiliaries]
-
-
-def _deepest(outside: Array, tied: Array, slots: int) -> Array:
-    """How far each slot's constraints are broken, (N, slots)."""
-    broken = _per_slot(-outside, slots)
-    return np.maximum(broken, _per_slot(np.abs(tied), slots)) if tied.size else broken
-
-
-def _per_slot(values: Array, slots: int) -> Array:
-    """Largest of each slot's rows, at least 0: (N, slots * rows) -> (N, slots)."""
-    found = values.reshape(len(values), slots, values.shape[1] // slots)
-    return np.asarray(found.max(axis=2, initial=0.0))

@@ -36,7 +36,7 @@ left behind, and the plan comes from the next rung. Far more than solvers need: 
 but what would hold the loop."""
 
 COMPILING = 10.0
-"""The first use of a problem, which compiles it, may take so many times `PATIENCE`."""
+"""The first use of a problem, which builds or compiles it, may take so many times `PATIENCE`."""
 
 SAME = 2.0 / 3.0
 """Radii of the robot within which a further start leads to a plan that is known already. On the
@@ -150,12 +150,7 @@ class WatchedSolver:
                 self._bounded.add(key)
             return solutions
         begin, left = budget.spent(), max(budget.left(), 1e-3)
-
-        def compiled_first() -> list[Solution]:
-            instance.problem.compile_now()
-            return call(left)
-
-        found = watched(compiled_first, max(budget.wait(), left))
+        found = watched(partial(call, left), max(budget.wait(), left))
         return [on_time(one, budget.spent() - begin, left) for one in found]
 
 

@@ -16,8 +16,7 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
     ``drive`` (x, twist) -> u, and the same within a second, in the long run, and ``drive_within``
     (x, twist, s) -> u; ``state_at``
     (pose, twist) -> x; ``rates`` (x, u) -> dx/dt; ``limits`` (x, u) -> values >= 0; ``price``
-    (x, u, next x), (place, direction, speed) -> cost; ``motion`` and ``slotK`` as
-    `Problem.constraint_values` has them.
+    (x, u, next x), (place, direction, speed) -> cost.
     """
     x, u, w = (ca.SX.sym(*one) for one in (("x", problem.states), ("u", problem.inputs), ("w", 3)))
     state, control = tuple(ca.vertsplit(x)), tuple(ca.vertsplit(u))
@@ -47,13 +46,11 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
         "limits": (both, none, ca.vertcat(*robot.constraints(state, control))),
         "price": _price(problem, x, u),
     }
-    made = {
+    return {
         f"plan_{name}": ca.Function("kernel", [v, p], [ca.densify(ca.SX(result))])
         for name, (v, p, result) in found.items()
         if ca.SX(result).numel()
     }
-    stated = {f"plan_{name}": one for name, one in problem.constraint_functions.items()}
-    return made | stated
 
 
 def _price(problem: Problem, x: Any, u: Any) -> tuple[Any, Any, Any]:

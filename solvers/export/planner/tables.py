@@ -11,18 +11,24 @@ import numpy as np
 from ....framework.control.command_limits import FOREVER
 from ....framework.control.end_of_path import LEFT, SHARE, SHIFT, EndLimits
 from ....framework.mpc.levels.base import SharedLevel
-from ....framework.mpc.planner.rungs import RUNGS
+from ....framework.mpc.planner.multistart import DEEP, STUCK
+from ....framework.mpc.planner.rungs import RUNGS, SWITCHING_MARGIN
 from ....framework.mpc.planner.settings import PlannerSettings
-from ....framework.mpc.planner.starts import NAMES
+from ....framework.mpc.planner.starts import NAMES, WARM_WITHIN
+from ....framework.mpc.planner.watchdog import SAME
 from ....framework.mpc.slots.reachability import leaves_out
 from ....framework.mpc.slots.static_polygons import CORNERS
+from ....framework.mpc.solver import NO_FORCE
 from ....framework.robot import SpeedLimited
 from ....framework.tracking.history import MOST
 from ....framework.tracking.perception import FORGET
 from ....framework.values.errors import WideberthError
 from ....framework.values.plan import TOLERANCE
+from ...riccati.interior_point import BARRIER_TEST, WARM_DISTANCE
+from ...riccati.solver import PATIENT_ITERATIONS, PATIENT_PER_STEP, PATIENT_SHARE
+from ...riccati.workspace import MOST_PLANS, KindTable
 from ..layout import Define, number
-from ..solver.needs import ExportedSolver
+from ..solver.exported import ExportedSolver
 
 WALLS, DETECTIONS, PATH_POINTS, NAME = 256, 500, 4096, 48
 """Most walls and detections of an observation, points of a path, and bytes of an identity."""
@@ -32,6 +38,22 @@ NAV2 = "wideberth_nav2"
 """Name of the ROS 2 package around a planner, unless another one is given."""
 _PACKAGE = re.compile(r"[a-z](_?[a-z0-9])+")
 """Names of ROS 2 packages that are also names of namespaces in C++."""
+
+
+_SAME_AS_IN_PYTHON = {
+    "STUCK": STUCK,
+    "DEEP": DEEP,
+    "NO_FORCE": NO_FORCE,
+    "SWITCHING_MARGIN": SWITCHING_MARGIN,
+    "SAME_PLAN": SAME,
+    "WARM_WITHIN": WARM_WITHIN,
+    "PATIENT_ITERATIONS": PATIENT_ITERATIONS,
+    "PATIENT_PER_STEP": PATIENT_PER_STEP,
+    "PATIENT_SHARE": PATIENT_SHARE,
+    "WARM_DISTANCE": WARM_DISTANCE,
+    "WARM_TEST": BARRIER_TEST,
+}
+"""Constants of the planner and the solver, which docstrings in Python explain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,19 +84,19 @@ class ExportedPlanner:
 
 def constants(one: ExportedPlanner) -> list[Define]:
     """Whole numbers of the tables."""
-    planner, problem = one.planner, one.solver.native.subject.problem
-    exact = one.solver.native.exact
+    planner, solver, problem = one.planner, one.solver, one.solver.subject.problem
     return [
         ("MOST", MOST, "obstacles that are remembered"),
+        ("MULTIPLIERS", solver.width, "of a step, all but those of slots"),
+        *((f"{slots.name.upper()}_MULTIPLIERS", _multipliers(kind), "of a slot and step")
+          for slots, kind in zip(problem.slots, solver.kinds, strict=True)),
+        ("MOST_PLANS", MOST_PLANS, "from other starts"),
         ("STARTS_AUTO", int(planner.starts == "auto"), ""),
         ("STARTS_COUNT", 0 if planner.starts == "auto" else len(planner.starts), ""),
         ("RUNGS_COUNT", len(planner.fallback.rungs), ""),
-        ("LIMITS", _results(exact, "plan_limits"), "of the robot beside its bounds"),
-        ("SLOT0_ROWS", _results(exact, "plan_slot0"), "constraints of an obstacle"),
-        ("SLOT1_ROWS", _results(exact, "plan_slot1"), "constraints of a polygon"),
-        ("MOTION_ROWS", _results(exact, "plan_motion"), ""),
-        ("MOST_NUMBERS", max(slots.size for slots in problem.slots), ""),
-        ("MOST_ROWS", max(_results(exact, f"plan_slot{k}") for k in (0, 1)), ""),
+        ("LIMITS", solver.rows("plan_limits"), "of the robot beside its bounds"),
+        ("SLOT0_ROWS", solver.rows("check0"), "constraints of an obstacle"),
+        ("SLOT1_ROWS", solver.rows("check1"), "constraints of a polygon"),
         ("OBSTACLES_USED", planner.most_obstacles, "of each kind, at most"),
         ("LEAVES_OUT", int(leaves_out(planner.level)), "whether what is out of reach has no slot"),
     ]  # fmt: skip
@@ -86,7 +108,7 @@ def numbers(one: ExportedPlanner) -> list[Define]:
     kalman: Any = planner.predictor
     shared = planner.level if isinstance(planner.level, SharedLevel) else None
     (body,), end = planner.kinds[0].bodies(robot), EndLimits.of(robot)
-    polygons = one.solver.native.subject.problem.slots[1]
+    polygons = one.solver.subject.problem.slots[1]
     return [
         ("TRACK_DT", planner.track_dt, "s"),
         ("ACCELERATION_DENSITY", kalman.acceleration_density, "m^2/s^3"),
@@ -108,20 +130,22 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("MINIMUM", -inf if shared is None else shared.minimum, "of a shared level"),
         ("LEVEL_WEIGHT", 0.0 if shared is None else shared.weight, ""),
         ("REGULARISATION", polygons.auxiliary.regularisation, ""),
+        *((name, value, "") for name, value in _SAME_AS_IN_PYTHON.items()),
     ]
 
 
 def arrays(one: ExportedPlanner) -> list[str]:
     """Arrays of the tables, as definitions in C."""
-    planner, limits = one.planner, one.solver.native.kernels.limits()
+    planner, problem = one.planner, one.solver.subject.problem
+    state, control = problem.state_bounds, problem.input_bounds
     names = [_start(name) for name in (() if planner.starts == "auto" else planner.starts)]
     rungs = [f"WIDEBERTH_{RUNG_NAMES[list(RUNGS).index(name)]}" for name in planner.fallback.rungs]
     (levels, *_) = one.solver.aims
     assert levels is not None
     return [
         _array("LEVELS", levels),
-        _array("LOWER", limits[0]),
-        _array("UPPER", limits[1]),
+        _array("LOWER", (*state.lower, *control.lower)),
+        _array("UPPER", (*state.upper, *control.upper)),
         _words("STARTS", names),
         _words("RUNGS", rungs),
     ]
@@ -134,7 +158,7 @@ def starts() -> list[str]:
 
 def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
     """Sizes and numbers of the header."""
-    planner, problem = one.planner, one.solver.native.subject.problem
+    planner, problem = one.planner, one.solver.subject.problem
     sizes: list[Define] = [
         ("PLAN_HORIZON", problem.horizon, "N, steps"),
         ("PLAN_STATES", problem.states, "n"),
@@ -144,7 +168,7 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
         ("DETECTIONS", DETECTIONS, "of an observation, at most"),
         ("PATH_POINTS", PATH_POINTS, "of a path, at most"),
         ("NAME", NAME, "bytes of an identity, its closing zero included"),
-        ("PLAN_BUILD", f"UINT64_C({one.solver.native.build})", "the same in all files"),
+        ("PLAN_BUILD", f"UINT64_C({one.solver.build})", "the same in all files"),
     ]
     numbers: list[Define] = [
         ("PLAN_DT", problem.dt, "s per step"),
@@ -160,8 +184,8 @@ def _fastest(planner: PlannerSettings) -> float:
     return planner.robot.max_speed if isinstance(planner.robot, SpeedLimited) else inf
 
 
-def _results(exact: Any, name: str) -> int:
-    return int(exact[name].numel_out(0)) if name in exact else 0
+def _multipliers(kind: KindTable) -> int:
+    return int(kind.inequalities + kind.equalities + 2 * kind.own)
 
 
 def _start(name: str) -> str:

@@ -1,4 +1,1 @@
-"""The solver as object code, for a controller in C that has neither Python nor a compiler of ours.
-
-`wideberth.solvers.export.solver.files` makes the files of one problem.
-"""
+"""The solver as C sources, for a controller in C or C++ that has no Python."""

@@ -1,86 +1,98 @@
 """The files of an exported solver."""
 
 import json
-from importlib.resources import files as resources
+from pathlib import Path
 
 from .... import __version__
 from ....framework.plugins.io import stamped
+from ....framework.programs import SOURCES as PROGRAMS
+from ... import riccati
 from ..bundle import KIND, MANIFEST, VERSION
 from ..readme import regions, wrapped
 from ..rendering import rendered
+from .exported import ExportedSolver
 from .header import header
-from .needs import ExportedSolver, memory, stack
-from .tables import tables
+from .tables import problem_header, problem_source
 
-ARCHIVE = "libwideberth.a"
+CORE = Path(riccati.__file__).with_name("core")
+"""Folder of the core's sources."""
+SOURCES = ("riccati.c", "problem.c", "wideberth_solver.c")
+"""What is compiled, in any export with a solver."""
+_HEADERS = ("riccati.h", "state.h", "slots.h", "sweep.h", "levels.h")
 
 
-def bundle(solver: ExportedSolver) -> dict[str, str | bytes]:
+def bundle(solver: ExportedSolver) -> dict[str, str]:
     """Return the files of an exported solver by name; the same solver gives the same bytes.
 
     Raises
     ------
-    WideberthError : a kernel that cannot be compiled, or more kinds of slots than the core has.
+    WideberthError : a stage function that no C can be made of, or an extension module that was
+        not built.
     """
-    shown = has_example(solver)
-    found: dict[str, str | bytes] = {
+    loops = ("loop.c", "loop.cpp") if has_example(solver) else ()
+    files = {
         "README.md": _readme(solver),
+        **solver_files(solver),
+        **{name: source(name) for name in loops},
+        **{
+            name: rendered(f"solver/{name}", sources=SOURCES, loops=loops)
+            for name in ("Makefile", "CMakeLists.txt")
+        },
+    }
+    needs = {"memory": solver.memory, "stack": solver.stack}
+    return {**files, MANIFEST: manifest(solver, [*files], needs)}
+
+
+def solver_files(solver: ExportedSolver) -> dict[str, str]:
+    """Return the C files of a solver: the core's own, its problem, and what is around it."""
+    return {
         "wideberth_solver.h": header(solver),
         "wideberth_solver.c": source("wideberth_solver.c"),
-        "wideberth_tables.h": tables(solver),
-        ARCHIVE: solver.native.archive(),
-        "Makefile": rendered(
-            "solver/Makefile", loops="loop loop_cpp" if shown else "wideberth_solver.o"
-        ),
+        "problem.h": problem_header(solver),
+        "problem.c": problem_source(solver),
+        **{name: (CORE / name).read_text(encoding="utf-8") for name in ("riccati.c", *_HEADERS)},
+        "kernel.h": (PROGRAMS / "kernel.h").read_text(encoding="utf-8"),
     }
-    if shown:
-        found |= {name: source(name) for name in ("loop.c", "loop.cpp")}
-    needs = {"memory": memory(solver), "stack": stack(solver)}
-    return {**found, MANIFEST: manifest(solver, [*found], needs)}
 
 
 def has_example(solver: ExportedSolver) -> bool:
     """Whether the example fits: a robot in the plane, obstacles, all of it filled in C."""
-    problem, native = solver.native.subject.problem, solver.native
+    problem = solver.subject.problem
     first = problem.slots[0]
     return (
         problem.dimension == 2 and not problem.curve and first.name == "obstacle"
-        and first.count > 0 and native.filled[0]
+        and first.count > 0 and solver.filled[0]
     )  # fmt: skip
 
 
 def _readme(solver: ExportedSolver) -> str:
-    native = solver.native
+    subject = solver.subject
     return wrapped(
         "solver/README.md",
-        source=native.subject.source,
-        problem=native.subject.problem,
-        machine=native.machine.name,
-        memory=memory(solver),
-        stack=stack(solver),
-        called=", ".join(f"`{name}`" for name in native.called),
+        source=subject.source,
+        problem=subject.problem,
+        memory=solver.memory,
+        stack=solver.stack,
         iterations=solver.settings.iterations,
-        cost=type(native.subject.cost).__name__,
-        regions="\n\n".join(regions(native.subject)),
+        cost=type(subject.cost).__name__,
+        regions="\n\n".join(regions(subject)),
     )
 
 
 def source(name: str) -> str:
     """Return the text of one of the C files that every exported solver has."""
-    return resources(__name__.rpartition(".")[0]).joinpath("c", name).read_text(encoding="utf-8")
+    return Path(__file__).with_name("c").joinpath(name).read_text(encoding="utf-8")
 
 
 def manifest(solver: ExportedSolver, files: list[str], needs: dict[str, int]) -> str:
     """Return the manifest of a folder: of what it was made, what it needs, and its files."""
-    native = solver.native
     content = {
         "wideberth": __version__,
-        "source": native.subject.source,
-        "target": native.machine.name,
-        "build": native.build,
-        "key": native.subject.problem.key,
+        "source": solver.subject.source,
+        "build": solver.build,
+        "key": solver.subject.problem.key,
         **needs,
         "files": files,
-        "planner": native.subject.config,
+        "planner": solver.subject.config,
     }
     return json.dumps(stamped(KIND, VERSION, content), indent=1) + "\n"

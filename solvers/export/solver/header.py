@@ -5,53 +5,27 @@ from ....framework.values.arrays import FARTHEST
 from ..header import entries
 from ..layout import Define
 from ..rendering import rendered
-from .needs import ExportedSolver, memory, stack, work
-
-ERRORS = (
-    ("NO_ERROR", "nothing is wrong; how a solve ended, its status says"),
-    ("NULL", "an argument is NULL"),
-    ("OTHER_BUILD", "header, archive and wideberth_solver.c are of different exports"),
-    ("OTHER_PROCESSOR", "the processor lacks instructions that the code was made with"),
-    ("LITTLE_MEMORY", "fewer bytes than WIDEBERTH_MEMORY"),
-    ("NO_SLOT", "no such kind, or no such slot of it"),
-    ("NOT_FINITE", "a number is not finite, or too large"),
-    ("NOT_A_COVARIANCE", "a matrix that no Gaussian has"),
-    ("NO_CLOSED_FORM", "the caller has to fill in the parameters of this kind"),
-    ("BAD_PATH", "a path without two different points"),
-)
-STATUSES = (
-    ("SOLVED", "the plan is a local optimum"),
-    ("LIMIT", "the limit of iterations was reached"),
-    ("INFEASIBLE", "no plan keeps every region; this one enters them least"),
-    ("FAILED", "the numbers did not lead to a plan"),
-    ("STOPPED", "*stop was set"),
-)
+from .exported import ExportedSolver
 
 
 def header(solver: ExportedSolver) -> str:
     """Return the text of wideberth_solver.h."""
-    native = solver.native
-    problem = native.subject.problem
+    problem = solver.subject.problem
     return rendered(
         "solver/wideberth_solver.h",
-        source=native.subject.source.replace("*/", ""),
-        machine=native.machine.name,
-        conditions=f"defined(__{native.machine.family}__) && defined(__linux__)",
+        source=solver.subject.source.replace("*/", ""),
         sizes=_sizes(solver),
-        entries=entries(native.subject),
+        entries=entries(solver.subject),
         needs=_needs(solver),
         numbers=_numbers(solver),
-        errors=ERRORS,
-        statuses=STATUSES,
         slots=[one for one in problem.slots if one.count],
         curve=problem.curve,
-        margin=f"{native.margin:g}",
-        more=solver.more,
+        margin=f"{solver.margin:g}",
     )
 
 
 def _sizes(solver: ExportedSolver) -> list[Define]:
-    problem = solver.native.subject.problem
+    problem = solver.subject.problem
     found: list[Define] = [
         ("HORIZON", problem.horizon, "N, steps"),
         ("DIMENSION", problem.dimension, "D, of the world"),
@@ -73,25 +47,23 @@ def _sizes(solver: ExportedSolver) -> list[Define]:
             found += [
                 (f"{name}_PARAMETERS", one.width, "of the region, of each slot and step"),
                 (f"{name}_AUXILIARIES", len(one.auxiliary), "own variables of a slot and step"),
-                (f"{name}_FILLED", int(solver.native.filled[k]),
+                (f"{name}_FILLED", int(solver.filled[k]),
                  "1: wideberth_set computes them; 0: the caller, see README.md"),
             ]  # fmt: skip
     return found
 
 
 def _needs(solver: ExportedSolver) -> list[Define]:
-    native = solver.native
     return [
-        ("MEMORY", memory(solver), "what wideberth_solve is given"),
-        ("STACK", stack(solver), "at most, of wideberth_solve with all that it calls"),
-        ("WORK", work(solver), "of MEMORY, tables"),
+        ("MEMORY", solver.memory, "what wideberth_solve is given"),
+        ("STACK", solver.stack, "enough for wideberth_solve compiled by GCC"),
         ("ITERATIONS", solver.settings.iterations, "limit of iterations"),
-        ("BUILD", f"UINT64_C({native.build})", "the same in all files of one export"),
+        ("BUILD", f"UINT64_C({solver.build})", "the same in all files of one export"),
     ]
 
 
 def _numbers(solver: ExportedSolver) -> list[tuple[str, float, str]]:
-    problem = solver.native.subject.problem
+    problem = solver.subject.problem
     found = [
         ("DT", problem.dt, "s per step"),
         ("SPEED", solver.speed, "m/s along the path"),
@@ -106,5 +78,5 @@ def _numbers(solver: ExportedSolver) -> list[tuple[str, float, str]]:
 
 
 def _start_level(solver: ExportedSolver) -> float:
-    level = solver.native.subject.guess.level
-    return float(level) if solver.native.subject.problem.shared else 0.0
+    level = solver.subject.guess.level
+    return float(level) if solver.subject.problem.shared else 0.0

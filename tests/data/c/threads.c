@@ -50,10 +50,10 @@ static void between(int signal)
     interrupted++;
 }
 
-/* Solve one problem while a signal comes every 300 us, whose handler solves another. */
+/* Solve one problem while a signal comes every 5 ms, whose handler solves another. */
 static int within_signals(void)
 {
-    const struct itimerval often = {{0, 300}, {0, 300}}, never = {{0, 0}, {0, 0}};
+    const struct itimerval often = {{0, 5000}, {0, 5000}}, never = {{0, 0}, {0, 0}};
     struct sigaction handler;
     int k;
     memset(&handler, 0, sizeof(handler));

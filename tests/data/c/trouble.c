@@ -115,7 +115,7 @@ static void arguments(wideberth_problem *problem, wideberth_result *result, void
 
 static void numbers(wideberth_problem *problem, wideberth_result *result, void *memory)
 {
-    static const volatile double stop = 1.0;
+    static const volatile int64_t stop = 1;
     const size_t size = WIDEBERTH_MEMORY;
     fill(problem, 1);
     problem->stop = &stop;

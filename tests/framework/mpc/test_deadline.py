@@ -2,21 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from threading import Event, get_ident
-from time import sleep
 from typing import Any
 
 import numpy as np
 import pytest
 
-from wideberth.framework.jit.exact import Exact
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.ocp import problem
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner import watchdog
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.watchdog import left_behind
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor
@@ -24,7 +19,6 @@ from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan, Rung, Status
-from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -160,40 +154,3 @@ def test_what_polygons_need_is_compiled_before_the_loop(solver: str) -> None:
     planner.set_path(Path(np.array([[0.0, 0.0], [9.0, 0.0]])))
     rooms = {rooms[1] for rooms in planner._services.problems._made}
     assert (1, 4) in rooms
-
-
-def test_constraints_are_compiled_where_the_solver_is_called(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A wall of another number of corners held a decision for 5 s, in the planner's own thread."""
-    planner = build("controllers", {
-        "type": "mpc", "robot": "unicycle", "region": "mahalanobis_ellipse", "level": "fixed",
-        "predictor": "static", "solver": "fatrop", "static_region": "separating_line",
-        "horizon": 4, "most_obstacles": 1, "deadline": 0.4, "penalty": 1e4,
-    })  # fmt: skip
-    assert isinstance(planner, Planner)
-    planner.set_path(Path(np.array([[0.0, 0.0], [9.0, 0.0]])))
-    end, who = Event(), []
-
-    def compiled(functions: Any) -> Any:
-        who.append(get_ident())
-        end.wait(10.0)
-        return Exact(functions)
-
-    monkeypatch.setattr(problem, "Exact", compiled)
-    corners = np.array([[0.8, 0.9], [1.0, 0.8], [1.2, 0.9], [1.2, 1.1], [0.8, 1.1]])
-    wall = Polygon(tuple(map(tuple, corners.tolist())))
-    try:
-        for tick in range(2):
-            planner.command(Observation(0.5 * tick, np.zeros(5), polygons=(wall,)))
-            assert planner.plan is not None
-            if not tick:
-                assert "Fatrop did not return" in planner.plan.reason
-    finally:
-        end.set()
-    (mine,) = (one for rooms, one in planner._services.problems._made.items() if rooms[1][1] == 6)
-    while left_behind():
-        sleep(0.001)
-    assert len(who) == 1 and who[0] != get_ident() and mine.constraint_values is not None
-    planner.command(Observation(1.0, np.zeros(5), polygons=(wall,)))
-    assert planner.plan.rung is Rung.OPTIMAL and len(who) == 1

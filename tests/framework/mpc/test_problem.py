@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.jit import exact
-from wideberth.framework.jit.exact import Exact
 from wideberth.framework.mpc.assembly import _heading
 from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
@@ -20,7 +18,7 @@ from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.planner import verify
 from wideberth.framework.mpc.planner.rollout import steer
-from wideberth.framework.mpc.planner.verify import violation
+from wideberth.framework.mpc.planner.verify import entered, violation
 from wideberth.framework.mpc.slots.base import level_at_first
 from wideberth.framework.mpc.slots.base import with_auxiliaries as with_auxiliaries_of
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
@@ -30,6 +28,7 @@ from wideberth.framework.mpc.slots.static_polygons import (
     fill_walls,
 )
 from wideberth.framework.numerics.symbolic import ca, evaluated
+from wideberth.framework.programs import ColumnFunctions, evaluate
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError
@@ -411,37 +410,47 @@ def test_an_equality_that_does_not_hold_enters_a_region_by_as_much() -> None:
     assert (found[first : first + slots.count] > 1.0).any()
 
 
-def test_compiled_constraints_are_those_of_the_virtual_machine(
-    monkeypatch: pytest.MonkeyPatch,
+def by_residuals(problem: Problem, parameters: Parameters, point: Guess) -> tuple[Any, Any]:
+    """How far a point breaks the motion and enters regions, by `Problem.residuals`."""
+    lifted = [own.reshape(problem.horizon, -1) for own in point.auxiliaries]
+    stages = [point.states[:-1], point.inputs, point.states[1:], point.level, parameters.stages()]
+    gaps, limits, bounds, _, *rows = evaluated(problem.residuals, [*stages, *lifted])
+    motion = np.concatenate([np.abs(gaps), -limits, -bounds], axis=1).max(axis=1, initial=0.0)
+    regions = [np.zeros((problem.horizon, 0))]
+    pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
+    for slots, numbers, outside, tied in pairs:
+        for k in range(slots.count):
+            broken = [np.split(-outside, slots.count, axis=1)[k]]
+            broken += [np.split(np.abs(tied), slots.count, axis=1)[k]]
+            deep = np.concatenate(broken, axis=1).max(axis=1, initial=0.0)
+            regions.append((deep * numbers.active[k])[:, None])
+    return motion, np.concatenate(regions, axis=1)
+
+
+@pytest.mark.parametrize("built", [True, False])
+def test_the_re_check_is_by_the_constraints_of_the_problem(
+    built: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if not built:
+        monkeypatch.setattr(evaluate, "_evaluator", None)
     rng = np.random.default_rng(7)
-    everything = full(rng)
     hard = set_up(Unicycle(), MinkowskiSum(), Fixed(), 3, y=0.5)
     bare = set_up(HolonomicVelocity(), MahalanobisEllipse(), Fixed(), 1)
-    for problem, parameters, point in (everything, hard, bare):
+    for problem, parameters, point in (full(rng), hard, bare):
         moved = replace(point, states=point.states + 0.3 * rng.standard_normal(point.states.shape))
         points = [point, moved, point]
-        assert problem.constraint_values is not None
-        found = verify._compiled(problem, parameters, points)
-        for one, wanted in zip(
-            found, verify._interpreted(problem, parameters, points), strict=True
-        ):
-            np.testing.assert_array_equal(one, wanted)
+        motion, regions = verify._motion(problem, points), entered(problem, parameters, points)
+        for k, each in enumerate(points):
+            wanted = by_residuals(problem, parameters, each)
+            np.testing.assert_array_equal(motion[k], wanted[0])
+            np.testing.assert_array_equal(regions[k], wanted[1])
+        shares = (0.3, 1.0)
+        for k, share in enumerate(shares):
+            found = entered(problem, parameters, [moved], shares)[k]
+            lower = verify.at_share(parameters, share)
+            np.testing.assert_array_equal(found, by_residuals(problem, lower, moved)[1])
         again = pickle.loads(pickle.dumps(problem.constraint_values))
-        assert isinstance(again, Exact)
-    problem, parameters, point = full(rng)
-    monkeypatch.setattr(exact, "MOST_OPERATIONS", 1)
-    assert problem.constraint_values is None
-    np.testing.assert_array_equal(
-        violation(problem, parameters, point).regions,
-        violation(everything[0], parameters, point).regions,
-    )
-    for shares in (None, (0.3, 1.0)):
-        points = [point, replace(point, states=point.states + 0.1)]
-        np.testing.assert_array_equal(
-            verify.entered(problem, parameters, points, shares),
-            verify.entered(everything[0], parameters, points, shares),
-        )
+        assert isinstance(again, ColumnFunctions)
 
 
 def test_a_bare_plan_is_checked_as_one_with_no_auxiliaries() -> None:

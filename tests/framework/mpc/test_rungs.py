@@ -8,7 +8,6 @@ from typing import Any, ClassVar, final
 import numpy as np
 import pytest
 
-from wideberth.framework.jit import exact
 from wideberth.framework.mpc import assembly
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -53,6 +52,7 @@ from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDis
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons, choose_walls
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.programs import evaluate
 from wideberth.framework.region import Region
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Twist
@@ -561,14 +561,14 @@ def test_the_level_held_is_the_largest_share_that_enters_nothing(y: float) -> No
 
 @pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
 @pytest.mark.parametrize("level", [Fixed(0.05), Relaxed(0.05, weight=3.0, minimum=0.2)], ids=repr)
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("built", [True, False])
 @pytest.mark.parametrize("walled", [True, False])
 def test_the_share_is_that_of_one_halving_after_the_other(
-    level: LevelPolicy, region: Region, compiled: bool, walled: bool,
+    level: LevelPolicy, region: Region, built: bool, walled: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    if not compiled:
-        monkeypatch.setattr(exact, "MOST_OPERATIONS", 1)
+    if not built:
+        monkeypatch.setattr(evaluate, "_evaluator", None)
     found = set()
     for y in (0.2, 0.35, 0.5, 0.65):
         check, guess = instance(level, y=y, region=region)

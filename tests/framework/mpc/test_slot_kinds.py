@@ -49,7 +49,6 @@ from wideberth.solvers.export.subject import Subject
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.ipopt import Ipopt
 from wideberth.solvers.riccati.solver import Riccati
-from wideberth.tests.helpers.interpreted import interpret_solver
 
 EXAMPLES = File(__file__).resolve().parents[3] / "examples"
 sys.path.insert(0, str(EXAMPLES))
@@ -264,16 +263,11 @@ def solve() -> SolveRecord:
 
 @pytest.mark.parametrize(
     "solver",
-    [Ipopt(), Fatrop(), pytest.param(Riccati(), marks=pytest.mark.slow)],  # compiles for minutes
+    [Ipopt(), Fatrop(), Riccati()],
     ids=repr,
 )
 def test_every_solver_takes_it(solver: Solver, solve: SolveRecord) -> None:
     _takes(solver, solve)
-
-
-def test_riccati_takes_it_interpreted(solve: SolveRecord, monkeypatch: pytest.MonkeyPatch) -> None:
-    interpret_solver(monkeypatch)
-    _takes(Riccati(), solve)
 
 
 def _takes(solver: Solver, solve: SolveRecord) -> None:

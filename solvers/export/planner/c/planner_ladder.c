@@ -5,14 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-#define STUCK 0.1            /* share of its way that a plan has to come along */
-#define DEEP 0.5             /* share of what a level may give way from which on all is tried */
-#define NO_FORCE 1e-3        /* where regions press less, the plan is optimal without them */
-#define SWITCHING_MARGIN 0.05 /* share of 1 + |cost| that another start has to save */
-#define SAME_PLAN (2.0 / 3.0) /* radii within which a start leads to a known plan */
-#define PATIENT 40.0         /* iterations after which a further start is given up, at least: */
-#define PATIENT_PER_STEP 1.5 /* so many, so many per step, */
-#define PATIENT_SHARE 2.0    /* and so many times those of the quickest solve */
 #define GIVEN_UP 100         /* a status beside those of the solver */
 
 static int feasible(const struct candidate *one)
@@ -51,18 +43,34 @@ struct others { /* plans that a solve is compared with */
     double best, fewest;
 };
 
-static void add(struct others *others, wideberth_more *more, const struct candidate *one)
+static void add(struct others *others, struct given *given, const struct candidate *one)
 {
     if (one->status != WIDEBERTH_SOLVED) return;
-    if (others->count < WIDEBERTH_MOST_PLANS)
-        memcpy(more->plans[others->count++], one->point.states, sizeof(more->plans[0]));
+    if (others->count < PLAN_MOST_PLANS)
+        memcpy(given->plans[others->count++], one->point.states, sizeof(given->plans[0]));
     others->fewest = fmin(others->fewest, one->iterations);
     if (!(deepest_slack(&one->point) > TOLERANCE)) others->best = fmin(others->best, one->cost);
 }
 
 static double patience(const struct others *others)
 {
-    return fmax(fmax(PATIENT, PATIENT_PER_STEP * N), PATIENT_SHARE * others->fewest);
+    return fmax(fmax(PLAN_PATIENT_ITERATIONS, PLAN_PATIENT_PER_STEP * N), PLAN_PATIENT_SHARE * others->fewest);
+}
+
+/* Hand the arrays of multipliers and plans to the solver. */
+static void give(struct given *given, const struct point *guess, wideberth_task *task)
+{
+    task->start.multipliers = given->steps_before[0], task->start.plans = given->plans[0][0];
+    task->result.multipliers = given->steps_after[0];
+    task->slots[WIDEBERTH_KIND_OBSTACLE].before = given->obstacles_before[0][0];
+    task->slots[WIDEBERTH_KIND_OBSTACLE].after = given->obstacles_after[0][0];
+#if WIDEBERTH_POLYGONS > 0
+    task->slots[WIDEBERTH_KIND_POLYGON].before = given->polygons_before[0][0];
+    task->slots[WIDEBERTH_KIND_POLYGON].after = given->polygons_after[0][0];
+    task->slots[WIDEBERTH_KIND_POLYGON].begun = guess->own[0][0];
+#else
+    (void)guess;
+#endif
 }
 
 static void run(struct wideberth_planner *planner, const struct point *guess, int warm,
@@ -70,32 +78,33 @@ static void run(struct wideberth_planner *planner, const struct point *guess, in
 {
     struct scratch *scratch = &planner->scratch;
     wideberth_problem *problem = &planner->instance.problem;
-    wideberth_more *more = &scratch->more;
+    wideberth_task *task = &scratch->task;
     memcpy(problem->start_states, guess->states, sizeof(problem->start_states));
     memcpy(problem->start_inputs, guess->inputs, sizeof(problem->start_inputs));
     problem->start_level = guess->level;
-#if WIDEBERTH_POLYGONS > 0
-    memcpy(more->polygons_begun, guess->own, sizeof(more->polygons_begun));
-#endif
-    more->warm = warm;
-    more->known = others ? others->count : 0;
-    more->best = others ? others->best : INFINITY;
-    more->within = others ? SAME_PLAN * PLAN_RADIUS : 0.0;
-    more->iterations = WIDEBERTH_ITERATIONS;
-    if (others) more->iterations = fmin(more->iterations, floor(patience(others)));
-    if (!wideberth_solve_more(problem, more, scratch->memory, sizeof(scratch->memory),
-            &scratch->result))
-        return;
-    memset(&scratch->result, 0, sizeof(scratch->result)); /* it did not even begin */
-    memcpy(scratch->result.states, guess->states, sizeof(guess->states));
-    memcpy(scratch->result.inputs, guess->inputs, sizeof(guess->inputs));
-    more->outcome = scratch->result.status = WIDEBERTH_FAILED;
+    wideberth_prepare(problem, &scratch->result, task);
+    give(&scratch->given, guess, task);
+    if (warm) {
+        task->settings.warm = 1.0;
+        task->settings.push = PLAN_WARM_DISTANCE, task->settings.test = PLAN_WARM_TEST;
+    }
+    if (others) {
+        task->settings.plans = others->count, task->settings.best = others->best;
+        task->settings.within = PLAN_SAME_PLAN * PLAN_RADIUS;
+        task->settings.iterations = fmin(task->settings.iterations, floor(patience(others)));
+    }
+    wideberth_run(problem, task, scratch->memory, sizeof(scratch->memory), &scratch->result);
 }
 
-static int failed(const wideberth_more *more, const wideberth_result *result)
+static int given_up(const wideberth_task *task)
 {
-    return more->outcome != WIDEBERTH_SAME && more->outcome != WIDEBERTH_DEARER
-        && result->status != WIDEBERTH_SOLVED && result->status != WIDEBERTH_STOPPED;
+    return task->result.status == WB_SAME || task->result.status == WB_DEARER;
+}
+
+static int failed(const struct scratch *scratch)
+{
+    return !given_up(&scratch->task) && scratch->result.status != WIDEBERTH_SOLVED
+        && scratch->result.status != WIDEBERTH_STOPPED;
 }
 
 /* Solve from one start; those that lead to no cheaper plan are given up unless `others` is NULL. */
@@ -104,10 +113,10 @@ static void solve(struct wideberth_planner *planner, const struct point *guess, 
 {
     struct scratch *scratch = &planner->scratch;
     const wideberth_result *result = &scratch->result;
-    const wideberth_more *more = &scratch->more;
+    const int64_t *status = &scratch->task.result.status;
     int before = 0;
     run(planner, guess, warm, others);
-    if (warm && failed(more, result)) {
+    if (warm && failed(scratch)) {
         before = result->iterations;
         run(planner, guess, 0, others);
     }
@@ -116,9 +125,8 @@ static void solve(struct wideberth_planner *planner, const struct point *guess, 
     planner->outcome.iterations += found->iterations;
     found->cost = result->cost, found->status = result->status;
     found->multipliers = 0;
-    if (more->outcome == WIDEBERTH_SAME || more->outcome == WIDEBERTH_DEARER
-        || (more->outcome == WIDEBERTH_LIMIT && others
-            && patience(others) < WIDEBERTH_ITERATIONS)) {
+    if (given_up(&scratch->task)
+        || (*status == WB_LIMIT && others && patience(others) < WIDEBERTH_ITERATIONS)) {
         found->status = GIVEN_UP;
         return;
     }
@@ -129,10 +137,10 @@ static void solve(struct wideberth_planner *planner, const struct point *guess, 
 #if WIDEBERTH_POLYGONS > 0
     memcpy(found->point.own, result->polygon_auxiliaries, sizeof(found->point.own));
 #endif
-    if (more->outcome != WIDEBERTH_SOLVED) return;
+    if (*status != WB_SOLVED) return;
     found->multipliers = 1;
-    memcpy(found->steps, more->steps_after, sizeof(found->steps));
-    memcpy(found->slots, more->obstacles_after, sizeof(found->slots));
+    memcpy(found->steps, scratch->given.steps_after, sizeof(found->steps));
+    memcpy(found->slots, scratch->given.obstacles_after, sizeof(found->slots));
 }
 
 /* Whether regions press on the plan that was solved last. */
@@ -144,17 +152,17 @@ static int pressed(const struct wideberth_planner *planner, const struct candida
     if (one->status != WIDEBERTH_SOLVED || !one->multipliers) return 1;
     for (i = 0; i < N; i++) {
         for (k = 0; k < instance->obstacles; k++)
-            for (c = 0; c < WIDEBERTH_OBSTACLE_MULTIPLIERS; c++)
+            for (c = 0; c < PLAN_OBSTACLE_MULTIPLIERS; c++)
                 force += fabs(one->slots[i][k][c]);
 #if WIDEBERTH_POLYGONS > 0
         for (k = 0; k < instance->polygons; k++)
-            for (c = 0; c < WIDEBERTH_POLYGON_MULTIPLIERS; c++) {
-                const double value = planner->scratch.more.polygons_after[i][k][c];
+            for (c = 0; c < PLAN_POLYGON_MULTIPLIERS; c++) {
+                const double value = planner->scratch.given.polygons_after[i][k][c];
                 if (value == value) force += fabs(value);
             }
 #endif
     }
-    return !(force <= NO_FORCE * (1.0 + fabs(one->cost)));
+    return !(force <= PLAN_NO_FORCE * (1.0 + fabs(one->cost)));
 }
 
 /* Verify a solution; one that did not converge is first made drivable. */
@@ -187,12 +195,12 @@ static int stuck(const struct instance *instance, const struct candidate *one)
     wb_pose(one->point.states[0], begin);
     wb_pose(one->point.states[N], end);
     return hypot(end[0] - begin[0], end[1] - begin[1])
-        < STUCK * hypot(last[0] - begin[0], last[1] - begin[1]);
+        < PLAN_STUCK * hypot(last[0] - begin[0], last[1] - begin[1]);
 }
 
 static int gives_way_far(const struct instance *instance, const struct candidate *one)
 {
-    const double lowest = fmax(PLAN_MINIMUM, 0.0), most = DEEP * (asked(instance) - lowest);
+    const double lowest = fmax(PLAN_MINIMUM, 0.0), most = PLAN_DEEP * (asked(instance) - lowest);
     return WIDEBERTH_SHARED_LEVEL && asked(instance) - one->point.level > most && most > 0.0;
 }
 
@@ -290,15 +298,15 @@ static void further(struct wideberth_planner *planner, const struct point *first
     struct outcome *outcome = &planner->outcome;
     struct candidate *own = &outcome->candidates[0], *found = own + 1;
     struct others others = {0, INFINITY, INFINITY};
-    int given_up = 1, again = 0, k, kept;
+    int compare = 1, again = 0, k, kept;
     count = starts_of(planner, first, laid, names, count);
     if (refuted(own) && !enters(instance, own))
-        given_up = 0; /* those of other starts would be refuted as well */
+        compare = 0; /* those of other starts would be refuted as well */
     else if (optimal(own) || refuted(own))
-        add(&others, &planner->scratch.more, own);
+        add(&others, &planner->scratch.given, own);
     for (k = 0; k < count; k++) {
-        solve(planner, &planner->scratch.starts[k], 0, given_up ? &others : NULL, &found[k]);
-        if (given_up) add(&others, &planner->scratch.more, &found[k]);
+        solve(planner, &planner->scratch.starts[k], 0, compare ? &others : NULL, &found[k]);
+        if (compare) add(&others, &planner->scratch.given, &found[k]);
     }
     for (k = 0; k < count; k++) {
         if (found[k].status == GIVEN_UP) continue;
@@ -454,7 +462,7 @@ static int near_ones(const struct outcome *outcome, const struct candidate **nea
     for (k = 0; k < outcome->count; k++)
         if (feasible(&outcome->candidates[k])) least = fmin(least, outcome->candidates[k].cost);
     if (least == INFINITY) return 0;
-    within = SWITCHING_MARGIN * (1.0 + fabs(least));
+    within = PLAN_SWITCHING_MARGIN * (1.0 + fabs(least));
     for (k = 0; k < outcome->count; k++)
         if (feasible(&outcome->candidates[k]) && outcome->candidates[k].cost - least <= within)
             near[count++] = &outcome->candidates[k];

@@ -9,53 +9,56 @@
 #define BEYOND 1e3     /* the same, where its limits are looked for */
 #define ALLOWANCE 1e-3 /* by how much a command may be beyond a limit */
 
-typedef void kernel(const void *, int64_t, int64_t, const double *, int64_t, const double *,
-    int64_t, double *, int64_t);
+void wb_column(wb_function *function, const double *v, const double *p, double *out)
+{
+    const int64_t next = sizeof(double);
+    function(NULL, 0, 1, v, next, p, next, out, next, NULL);
+}
 
-static void call(kernel *one, const double *first, int count, const double *second, int more,
+static void call(wb_function *one, const double *first, int count, const double *second, int more,
     double *found)
 {
     double given[2 * NX + NU + 8];
     memcpy(given, first, (size_t)count * sizeof(double));
     if (more) memcpy(given + count, second, (size_t)more * sizeof(double));
-    one(NULL, 0, 1, given, sizeof(double), given, sizeof(double), found, sizeof(double));
+    wb_column(one, given, given, found);
 }
 
 void wb_pose(const double *state, double *pose)
 {
-    call(wideberth_kernel_plan_pose, state, NX, NULL, 0, pose);
+    call(wideberth_plan_pose, state, NX, NULL, 0, pose);
 }
 
 void wb_twist(const double *state, const double *input, double *twist)
 {
-    call(wideberth_kernel_plan_twist, state, NX, input, NU, twist);
+    call(wideberth_plan_twist, state, NX, input, NU, twist);
 }
 
 void wb_drive(const double *state, const double *twist, double *input)
 {
-    call(wideberth_kernel_plan_drive, state, NX, twist, 3, input);
+    call(wideberth_plan_drive, state, NX, twist, 3, input);
 }
 
 void wb_next(const double *state, const double *input, double *next)
 {
     double found[NX];
-    call(wideberth_kernel_plan_step, state, NX, input, NU, found);
+    call(wideberth_plan_step, state, NX, input, NU, found);
     memcpy(next, found, sizeof(found));
 }
 
 static void state_at(const double *pose, const double *twist, double *state)
 {
-    call(wideberth_kernel_plan_state_at, pose, 3, twist, 3, state);
+    call(wideberth_plan_state_at, pose, 3, twist, 3, state);
 }
 
 /* The twist of a robot some time after the command of another one. */
-static void attained(kernel *drive, double duration, const double *state, const double *wanted,
+static void attained(wb_function *drive, double duration, const double *state, const double *wanted,
     double *twist)
 {
     double input[NU], rates[NX], later[NX];
     int r;
     call(drive, state, NX, wanted, 3, input);
-    call(wideberth_kernel_plan_rates, state, NX, input, NU, rates);
+    call(wideberth_plan_rates, state, NX, input, NU, rates);
     for (r = 0; r < NX; r++) later[r] = state[r] + duration * rates[r];
     wb_twist(later, input, twist);
 }
@@ -67,8 +70,8 @@ void wb_attained(const double *last, const double *wanted, double duration, doub
     int r;
     memcpy(given, wanted, 3 * sizeof(double)), given[3] = duration;
     state_at(pose, last, state);
-    call(wideberth_kernel_plan_drive_within, state, NX, given, 4, input);
-    call(wideberth_kernel_plan_rates, state, NX, input, NU, rates);
+    call(wideberth_plan_drive_within, state, NX, given, 4, input);
+    call(wideberth_plan_rates, state, NX, input, NU, rates);
     for (r = 0; r < NX; r++) later[r] = state[r] + duration * rates[r];
     wb_twist(later, input, twist);
 }
@@ -155,7 +158,7 @@ int wb_faces_away(const wideberth_problem *problem)
     if (!behind(here, way) && !behind(here, problem->direction[0])) return 0;
     if (hypot(end[0] - here[0], end[1] - here[1]) <= PLAN_RADIUS) return 0;
     for (k = 0; k < 3; k++)
-        attained(wideberth_kernel_plan_drive_ever, PLAN_FOREVER, problem->initial, ENDS[k],
+        attained(wideberth_plan_drive_ever, PLAN_FOREVER, problem->initial, ENDS[k],
             found[k]);
     return -found[1][0] < found[0][0] && found[2][2] != 0.0;
 }
@@ -179,7 +182,7 @@ int wb_turn(const wideberth_problem *problem, double *spin)
     spin[0] = spin[1] = opposite[0] = opposite[1] = 0.0;
     spin[2] = sign * BEYOND, opposite[2] = -spin[2];
     wb_steer(problem->initial, spin, N, spin, states, inputs);
-    attained(wideberth_kernel_plan_drive, WIDEBERTH_DT, problem->initial, opposite, found);
+    attained(wideberth_plan_drive, WIDEBERTH_DT, problem->initial, opposite, found);
     wb_twist(problem->initial, none, twist);
     slowing = fabs(found[2] - twist[2]) / WIDEBERTH_DT;
     for (k = 0; k < N; k++) {
@@ -304,14 +307,14 @@ static int broken(const wideberth_command *command)
         return 1;
     wb_pose(none, pose);
     state_at(pose, wanted, state);
-    call(wideberth_kernel_plan_drive_second, state, NX, wanted, 3, input);
+    call(wideberth_plan_drive_second, state, NX, wanted, 3, input);
     wb_twist(state, input, found);
     worst = fmax(beyond(state, NX, 0), beyond(input, NU, NX));
     for (r = 0; r < 3; r++) worst = fmax(worst, fabs(found[r] - wanted[r]));
 #if PLAN_LIMITS > 0
     {
         double limits[PLAN_LIMITS];
-        call(wideberth_kernel_plan_limits, state, NX, input, NU, limits);
+        call(wideberth_plan_limits, state, NX, input, NU, limits);
         for (r = 0; r < PLAN_LIMITS; r++) worst = fmax(worst, -limits[r]);
     }
 #endif
@@ -329,7 +332,7 @@ static void within_reach(wideberth_command *command)
         return;
     wb_pose(none, pose);
     state_at(pose, still, rest);
-    attained(wideberth_kernel_plan_drive_ever, PLAN_FOREVER, rest, wanted, twist);
+    attained(wideberth_plan_drive_ever, PLAN_FOREVER, rest, wanted, twist);
     command->linear[0] = twist[0], command->linear[1] = twist[1], command->omega = twist[2];
     command->ramp = fmax(ramp, 0.0);
     if (broken(command)) memset(command, 0, sizeof(*command));

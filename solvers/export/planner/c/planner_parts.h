@@ -7,9 +7,7 @@
 #include <math.h>
 #include <stdint.h>
 
-#include "wideberth_solver.h"
-
-#include "wideberth_more.h"
+#include "problem.h"
 
 #include "wideberth_planner_tables.h"
 
@@ -89,6 +87,9 @@ void wb_forecast(const struct tracks *tracks, double first, struct forecast *for
 /* Newest position of an obstacle that was measured at the newest instant of all; else NULL. */
 const double *wb_newest(const struct tracks *tracks, const struct log *log);
 
+/* Call a function of problem.c for one column. */
+void wb_column(wb_function *function, const double *v, const double *p, double *out);
+
 /* ---- Motion of the robot, without solving anything */
 
 void wb_pose(const double *state, double *pose);                        /* x, y, heading */
@@ -146,7 +147,7 @@ struct kept { /* multipliers of the last plan, and whose they are */
     int known, obstacles, polygons;
     double level;
     char names[KO][WIDEBERTH_NAME];
-    double steps[N][WIDEBERTH_MULTIPLIERS], slots[N][KO][WIDEBERTH_OBSTACLE_MULTIPLIERS];
+    double steps[N][PLAN_MULTIPLIERS], slots[N][KO][PLAN_OBSTACLE_MULTIPLIERS];
 };
 
 struct violation {
@@ -160,7 +161,7 @@ struct candidate {
     int status, iterations, solved, way; /* way -1: no manoeuvre */
     double cost;
     int multipliers; /* whether there are some */
-    double steps[N][WIDEBERTH_MULTIPLIERS], slots[N][KO][WIDEBERTH_OBSTACLE_MULTIPLIERS];
+    double steps[N][PLAN_MULTIPLIERS], slots[N][KO][PLAN_OBSTACLE_MULTIPLIERS];
 };
 
 struct moved { /* how a robot moves past those in contact */
@@ -193,6 +194,17 @@ struct outcome {
     struct candidate candidates[ALL_STARTS];
 };
 
+struct given { /* to the solver beside a problem, and its multipliers */
+    double steps_before[N][PLAN_MULTIPLIERS], steps_after[N][PLAN_MULTIPLIERS];
+    double obstacles_before[N][KO][PLAN_OBSTACLE_MULTIPLIERS];
+    double obstacles_after[N][KO][PLAN_OBSTACLE_MULTIPLIERS];
+#if WIDEBERTH_POLYGONS > 0
+    double polygons_before[N][KP][PLAN_POLYGON_MULTIPLIERS];
+    double polygons_after[N][KP][PLAN_POLYGON_MULTIPLIERS];
+#endif
+    double plans[PLAN_MOST_PLANS][N + 1][NX];
+};
+
 struct scratch {
     int order[WIDEBERTH_DETECTIONS];
     double away[WIDEBERTH_DETECTIONS], wall_away[WALLS];
@@ -204,9 +216,10 @@ struct scratch {
     struct point starts[ALL_STARTS], aimed;
     struct violation entered;
     double towards[N][PLAN_MOST], depth[N + 1][PLAN_MOST];
-    wideberth_more more;
+    struct given given;
+    wideberth_task task;
     wideberth_result result;
-    unsigned char memory[WIDEBERTH_MEMORY];
+    double memory[WIDEBERTH_MEMORY / sizeof(double)];
 };
 
 struct progress { /* how far along the path the robot has come, and where it was then */

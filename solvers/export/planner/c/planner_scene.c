@@ -12,7 +12,6 @@
 #define SURPLUS 1e-3  /* by which an outer radius is enlarged, in m and relative */
 #define FAR 1e6       /* m; largest distance of a mean from the robot */
 #define WIDE 1e4      /* m; largest deviation, and radius */
-#define WARM_WITHIN 0.5
 
 static double length_of(const double *first, const double *second)
 {

@@ -27,7 +27,7 @@ int wb_entered(const struct instance *instance, const struct point *point, doubl
     double (*regions)[SLOTS])
 {
     const wideberth_problem *problem = &instance->problem;
-    double v[NX + 8], p[PLAN_MOST_NUMBERS], rows[PLAN_MOST_ROWS];
+    double v[WIDEBERTH_MOST_VARIABLES], p[WIDEBERTH_MOST_NUMBERS], rows[WIDEBERTH_MOST_ROWS];
     int i, k, r, sound = 1;
     memset(regions, 0, N * sizeof(regions[0]));
     for (i = 0; i < N; i++) {
@@ -37,8 +37,7 @@ int wb_entered(const struct instance *instance, const struct point *point, doubl
             memcpy(p, problem->obstacles.parameters[i][k], sizeof(problem->obstacles.parameters[i][k]));
             p[WIDEBERTH_OBSTACLE_PARAMETERS] = problem->obstacles.level[i][k];
             p[WIDEBERTH_OBSTACLE_PARAMETERS + 1] = 1.0;
-            wideberth_kernel_plan_slot0(NULL, 0, 1, v, sizeof(double), p, sizeof(double), rows,
-                sizeof(double));
+            wb_column(wideberth_check0, v, p, rows);
             for (r = 0; r < PLAN_SLOT0_ROWS; r++)
                 if (!(-rows[r] <= regions[i][k])) regions[i][k] = -rows[r];
             sound = sound && isfinite(regions[i][k]);
@@ -49,8 +48,7 @@ int wb_entered(const struct instance *instance, const struct point *point, doubl
             if (WIDEBERTH_SHARED_LEVEL) v[NX + 1] = level;
             memcpy(p, problem->polygons.parameters[i][k], sizeof(problem->polygons.parameters[i][k]));
             p[WIDEBERTH_POLYGON_PARAMETERS] = 1.0, p[WIDEBERTH_POLYGON_PARAMETERS + 1] = 0.0;
-            wideberth_kernel_plan_slot1(NULL, 0, 1, v, sizeof(double), p, sizeof(double), rows,
-                sizeof(double));
+            wb_column(wideberth_check1, v, p, rows);
             for (r = 0; r < PLAN_SLOT1_ROWS; r++)
                 if (!(-rows[r] <= regions[i][KO + k])) regions[i][KO + k] = -rows[r];
             sound = sound && isfinite(regions[i][KO + k]);
@@ -63,16 +61,15 @@ int wb_entered(const struct instance *instance, const struct point *point, doubl
 
 static void motion_of(const struct instance *instance, const struct point *point, double *motion)
 {
-    double v[2 * NX + NU], rows[PLAN_MOTION_ROWS];
+    double v[2 * NX + NU], rows[WIDEBERTH_MOTION_ROWS];
     int i, r;
     for (i = 0; i < N; i++) {
         memcpy(v, point->states[i], sizeof(point->states[0]));
         memcpy(v + NX, point->inputs[i], sizeof(point->inputs[0]));
         memcpy(v + NX + NU, point->states[i + 1], sizeof(point->states[0]));
-        wideberth_kernel_plan_motion(NULL, 0, 1, v, sizeof(double), v, sizeof(double), rows,
-            sizeof(double));
+        wb_column(wideberth_motion, v, v, rows);
         motion[i] = 0.0;
-        for (r = 0; r < PLAN_MOTION_ROWS; r++) {
+        for (r = 0; r < WIDEBERTH_MOTION_ROWS; r++) {
             const double one = r < NX ? fabs(rows[r]) : -rows[r];
             if (!(one <= motion[i])) motion[i] = one;
         }
@@ -165,6 +162,14 @@ double wb_worst(const struct violation *found)
     return worst;
 }
 
+static double sum(const double *values)
+{
+    double total = 0.0;
+    int i;
+    for (i = 0; i < N; i++) total += values[i];
+    return total;
+}
+
 double wb_total(const struct violation *found)
 {
     double each[N];
@@ -174,7 +179,7 @@ double wb_total(const struct violation *found)
         for (k = 0; k < SLOTS; k++) deepest = fmax(deepest, found->regions[i][k]);
         each[i] = deepest + found->touch[i];
     }
-    return wideberth_sum(each, N);
+    return sum(each);
 }
 
 double wb_touched_or_near(const struct instance *instance, const struct candidate *one, int window)
@@ -207,8 +212,7 @@ double wb_price(const struct instance *instance, const struct point *point)
         memcpy(p, problem->reference[i], sizeof(problem->reference[i]));
         memcpy(p + 2, problem->direction[i], sizeof(problem->direction[i]));
         p[4] = problem->speed[i];
-        wideberth_kernel_plan_price(NULL, 0, 1, v, sizeof(double), p, sizeof(double), &each[i],
-            sizeof(double));
+        wb_column(wideberth_plan_price, v, p, &each[i]);
 #if WIDEBERTH_POLYGONS > 0
         {
             int k;
@@ -219,7 +223,7 @@ double wb_price(const struct instance *instance, const struct point *point)
         }
 #endif
     }
-    total = wideberth_sum(each, N);
+    total = sum(each);
     if (WIDEBERTH_SHARED_LEVEL) {
         const double off = point->level - (instance->obstacles ? PLAN_LEVELS[0] : 0.0);
         total += PLAN_LEVEL_WEIGHT * off * off;

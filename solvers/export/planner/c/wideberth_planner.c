@@ -6,12 +6,10 @@
 #include <stdio.h>
 #include <string.h>
 
-#define WARM_WITHIN 0.5 /* share of a step up to which multipliers start the next solve */
-
 static const char *const STATUSES[WIDEBERTH_PLAN_STATUSES] = {
     "a plan was made",
     "an argument is NULL",
-    "header, sources and archive are not of one export, or the planner was not begun by "
+    "header and sources are not of one export, or the planner was not begun by "
     "wideberth_planner_begin",
     "the memory is too small, or not aligned as for a double: give wideberth_planner_size() bytes",
     "no path is set: call wideberth_planner_set_path",
@@ -20,7 +18,6 @@ static const char *const STATUSES[WIDEBERTH_PLAN_STATUSES] = {
     "more detections than WIDEBERTH_DETECTIONS, or fewer than none",
     "more walls than WIDEBERTH_WALLS, or walls for a planner without a static region",
     "a wall is no convex polygon of up to WIDEBERTH_CORNERS corners",
-    "this processor lacks instructions that the object code was made with",
     "no rung of the ladder holds: end its tuple with brake",
 };
 
@@ -59,10 +56,6 @@ int wideberth_planner_begin_as(void *memory, size_t size, uint64_t build,
     made->build = WIDEBERTH_BUILD;
     wideberth_planner_reset(made);
     if (wideberth_begin(&made->instance.problem)) return WIDEBERTH_PLAN_OTHER_BUILD;
-    if (wideberth_solve_more(&made->instance.problem, &made->scratch.more, made->scratch.memory, 0,
-            &made->scratch.result)
-        == WIDEBERTH_OTHER_PROCESSOR) /* in no bytes of memory nothing is solved */
-        return WIDEBERTH_PLAN_OTHER_PROCESSOR;
     *planner = made;
     return WIDEBERTH_PLANNED;
 }
@@ -172,26 +165,26 @@ static int warmed(wideberth_planner *planner, double stamp, struct point *first)
 {
     const struct instance *instance = &planner->instance;
     const struct kept *kept = &planner->kept;
-    wideberth_more *more = &planner->scratch.more;
+    struct given *given = &planner->scratch.given;
     const double share = (stamp - planner->plan_stamp) / WIDEBERTH_DT;
     double sum = 0.0;
     int i, k, c, old;
-    if (!planner->has_plan || !kept->known || !(share >= 0.0 && share <= WARM_WITHIN)) return 0;
+    if (!planner->has_plan || !kept->known || !(share >= 0.0 && share <= PLAN_WARM_WITHIN)) return 0;
     first->level = kept->level;
-    later(&kept->steps[0][0], WIDEBERTH_MULTIPLIERS, share, &more->steps_before[0][0]);
+    later(&kept->steps[0][0], PLAN_MULTIPLIERS, share, &given->steps_before[0][0]);
     for (i = 0; i < N; i++)
-        for (c = 0; c < WIDEBERTH_MULTIPLIERS; c++) sum += more->steps_before[i][c];
+        for (c = 0; c < PLAN_MULTIPLIERS; c++) sum += given->steps_before[i][c];
     for (k = 0; k < KO; k++) {
-        double rows[N][WIDEBERTH_OBSTACLE_MULTIPLIERS], found[N][WIDEBERTH_OBSTACLE_MULTIPLIERS];
+        double rows[N][PLAN_OBSTACLE_MULTIPLIERS], found[N][PLAN_OBSTACLE_MULTIPLIERS];
         for (old = 0; old < kept->obstacles; old++)
             if (k < instance->obstacles && strcmp(kept->names[old], instance->names[k]) == 0) break;
         for (i = 0; i < N; i++)
-            for (c = 0; c < WIDEBERTH_OBSTACLE_MULTIPLIERS; c++)
+            for (c = 0; c < PLAN_OBSTACLE_MULTIPLIERS; c++)
                 rows[i][c] = old < kept->obstacles && k < instance->obstacles
                     ? kept->slots[i][old][c]
                     : NAN;
-        later(&rows[0][0], WIDEBERTH_OBSTACLE_MULTIPLIERS, share, &found[0][0]);
-        for (i = 0; i < N; i++) memcpy(more->obstacles_before[i][k], found[i], sizeof(found[i]));
+        later(&rows[0][0], PLAN_OBSTACLE_MULTIPLIERS, share, &found[0][0]);
+        for (i = 0; i < N; i++) memcpy(given->obstacles_before[i][k], found[i], sizeof(found[i]));
     }
     return isfinite(sum) && !instance->polygons && !kept->polygons;
 }

@@ -1,6 +1,6 @@
-/* {{ source }}: the whole planner without Python, for {{ machine }}.
+/* {{ source }}: the whole planner without Python.
  *
- *   cc -O2 loop.c wideberth_planner.c planner_*.c wideberth_solver.c libwideberth.a -lm
+ *   cc -O3 loop.c wideberth_planner.c planner_*.c wideberth_solver.c problem.c riccati.c -lm
  *
  * Give it wideberth_planner_size() bytes, a path, and each period what is seen: it answers with the
  * command of Python's planner. It forecasts obstacles with a Kalman filter, chooses those that get a

@@ -8,11 +8,6 @@
 
 enum { {{ starts|join(", ") }} };
 
-{% for one in kernels %}
-void wideberth_kernel_{{ one }}(const void *, int64_t, int64_t, const double *, int64_t,
-    const double *, int64_t, double *, int64_t);
-{% endfor %}
-
 #if defined(__GNUC__)
 #define PLAN_UNUSED __attribute__((unused))
 #else

@@ -1,12 +1,11 @@
-/* {{ source }}: the planner's solver as object code for {{ machine }}.
+/* {{ source }}: the planner's solver, without Python.
  *
- *   cc -O2 loop.c wideberth_solver.c libwideberth.a -lm
+ *   cc -O3 loop.c wideberth_solver.c problem.c riccati.c -lm
  *
  * Each period: wideberth_begin, initial, wideberth_follow, wideberth_set for every obstacle,
  * wideberth_start, wideberth_solve; result.inputs[0] drives the robot. All functions may be called
  * from several threads at once, each with memory, problem and result of its own. None allocates,
- * and none keeps a state between calls (a pointer of the thread's own leads a running solve to
- * its memory). SI units and radians.
+ * and none keeps a state between calls. SI units and radians.
  *
  * Of what the planner does in Python around its solver, this is here: the reference along a path,
  * parameters of slots from mean and covariance, the shifted last plan as the start, and how far a
@@ -23,14 +22,6 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#if {{ conditions }}
-#define WIDEBERTH_FOR_THIS_PROCESSOR 1
-#endif
-{% if more %}
-
-#define WIDEBERTH_OF_A_PLANNER 1 /* which calls wideberth_solve_more instead of wideberth_solve */
-{% endif %}
 
 /* Sizes. */
 {% for one in sizes %}
@@ -53,16 +44,24 @@ extern "C" {
 {% endfor %}
 
 enum wideberth_error {
-{% for name, text in errors %}
-    WIDEBERTH_{{ name }}, /* {{ text }} */
-{% endfor %}
+    WIDEBERTH_NO_ERROR,         /* nothing is wrong; how a solve ended, its status says */
+    WIDEBERTH_NULL,             /* an argument is NULL */
+    WIDEBERTH_OTHER_BUILD,      /* the caller was compiled with the header of another export */
+    WIDEBERTH_LITTLE_MEMORY,    /* fewer bytes than WIDEBERTH_MEMORY */
+    WIDEBERTH_NO_SLOT,          /* no such kind, or no such slot of it */
+    WIDEBERTH_NOT_FINITE,       /* a number is not finite, or too large */
+    WIDEBERTH_NOT_A_COVARIANCE, /* a matrix that no Gaussian has */
+    WIDEBERTH_NO_CLOSED_FORM,   /* the caller has to fill in the parameters of this kind */
+    WIDEBERTH_BAD_PATH,         /* a path without two different points */
     WIDEBERTH_ERRORS
 };
 
 enum wideberth_status {
-{% for name, text in statuses %}
-    WIDEBERTH_{{ name }}, /* {{ text }} */
-{% endfor %}
+    WIDEBERTH_SOLVED,     /* the plan is a local optimum */
+    WIDEBERTH_LIMIT,      /* the limit of iterations was reached */
+    WIDEBERTH_INFEASIBLE, /* no plan keeps every region; this one enters them least */
+    WIDEBERTH_FAILED,     /* the numbers did not lead to a plan */
+    WIDEBERTH_STOPPED,    /* *stop was set */
     WIDEBERTH_STATUSES
 };
 {% for one in slots %}
@@ -82,7 +81,7 @@ typedef struct {
 
 typedef struct {
     uint64_t build; /* set by wideberth_begin, as is all that is not given */
-    const volatile double *stop; /* a solve ends early once *stop is above 0; or NULL */
+    const volatile int64_t *stop; /* a solve ends early once *stop is 1; or NULL */
     double initial[WIDEBERTH_STATES]; /* x_0 */
     double reference[WIDEBERTH_HORIZON][WIDEBERTH_DIMENSION]; /* m, at steps 1..N */
     double direction[WIDEBERTH_HORIZON][WIDEBERTH_DIMENSION]; /* unit tangents */
@@ -137,7 +136,6 @@ int wideberth_clear(wideberth_problem *problem, int kind, int slot);
  * `initial`; from zero inputs where `last` is NULL. */
 int wideberth_start(wideberth_problem *problem, const wideberth_result *last, double share);
 
-{% if not more %}
 /* Solve. The `size` bytes at `memory` (WIDEBERTH_MEMORY, any alignment) are used until it returns.
  * May be called inside a signal handler that interrupted it, with other memory. */
 int wideberth_solve(
@@ -146,7 +144,6 @@ int wideberth_solve(
 /* Largest violation of dynamics, limits and regions by a plan, each in its own unit. */
 double wideberth_violation(const wideberth_problem *problem, const wideberth_result *plan);
 
-{% endif %}
 /* The planner's robot after one step of WIDEBERTH_DT; `next` may be `state`. */
 void wideberth_step(const double *state, const double *input, double *next);
 
