@@ -170,6 +170,7 @@ static void boundary_of_rows(core *s, double *primal, double *dual, double *slop
 /* States and inputs of the guess, off their bounds, and the numbers of the slots. */
 static void start_point(core *s) {
     const double push = s->settings->push, *states = s->start->states, *inputs = s->start->inputs;
+    const double tilt = s->settings->warm > 0.0 ? 0.0 : WB_TILT;
     const double *lower = s->problem->lower, *upper = s->problem->upper;
     const int64_t n = s->n, wide = s->wide;
     for (int64_t i = 0; i < s->steps; i++) {
@@ -178,7 +179,7 @@ static void start_point(core *s) {
             s->v[r * wide + i + 1] = s->vn[r * wide + i] = value;
         }
         for (int64_t r = 0; r < s->m; r++) {
-            double value = inputs[i * s->m + r] + WB_TILT * (double)(r + 1);
+            double value = inputs[i * s->m + r] + tilt * (double)(r + 1);
             s->v[(n + r) * wide + i] = push_inside(value, lower[n + r], upper[n + r], push);
         }
         for (int64_t r = 0; r < s->problem->head; r++)

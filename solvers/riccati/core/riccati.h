@@ -144,9 +144,10 @@ void wb_solve(const wb_problem *problem, const wb_settings *settings, const wb_s
 
 /* ---- Constants. Where a value is not IPOPT's, the reason stands beside it. */
 
-/* Added to the first input of a start, twice to the second, and so on. Where a problem is symmetric
- * and its guess, too, exact arithmetic stays on a saddle between the two ways around an obstacle,
- * and rounding alone leaves it: 20 of the 40 recorded ones were solved, with this 36. */
+/* Added to the first input of a start without multipliers, twice to the second, and so on. Where a
+ * problem is symmetric and its guess, too, exact arithmetic stays on a saddle between the two ways
+ * around an obstacle, and rounding alone leaves it: 20 of the 40 recorded ones were solved, with
+ * this 36. */
 #define WB_TILT 1e-11
 
 /* Multipliers that a solve starts from stay within this factor of mu / gap, either way. */
