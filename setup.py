@@ -57,9 +57,10 @@ def _extension(name: str, folder: Path, flags: list[str]) -> Extension:
     return Extension(name, sources, include_dirs=[str(PROGRAMS)], optional=True, **options)
 
 
-MODULES = [_extension("wideberth.framework.programs._evaluator", PROGRAMS, EXACT)]
-if CORE.is_dir():
-    MODULES.append(_extension("wideberth.solvers.riccati._core", CORE, FAST))
+MODULES = [
+    _extension("wideberth.framework.programs._evaluator", PROGRAMS, EXACT),
+    _extension("wideberth.solvers.riccati._core", CORE, FAST),
+]
 
 setup(
     script_name="setup.py",  # which is no module of the package, though it is in the same folder

@@ -181,11 +181,11 @@ class Folder:
     def point(self, result: Any) -> Guess:
         """Return the plan of a result in C, with its slack."""
         first = Guess.bare(result["states"], result["inputs"], float(result["level"]))
-        own = []
-        for k, slots in enumerate(self.solver.subject.parameters.slots):
-            given = slots.auxiliaries
-            own.append(result[f"auxiliaries{k}"] if given.size else given)
-        return replace(first, slack=result["slack"], auxiliaries=tuple(own))
+        auxiliaries = tuple(
+            result[f"auxiliaries{k}"] if slots.auxiliaries.size else slots.auxiliaries
+            for k, slots in enumerate(self.solver.subject.parameters.slots)
+        )
+        return replace(first, slack=result["slack"], auxiliaries=auxiliaries)
 
     def by_python(self, row: Any) -> Solution:
         """Solve a problem in Python."""

@@ -48,8 +48,8 @@ def programs() -> Mapping[str, Program]:
 def compiled(folder: Path, flags: list[str]) -> Path:
     """Compile the program that runs programs."""
     source, target = Path(__file__).with_suffix(".c"), folder / "program_speed"
-    known = [flag for flag in FLAGS if flag not in ("-std=c99", "-fPIC", "-shared")]
-    command = ["cc", "-std=c11", *known, *flags, f"-I{SOURCES}", str(source), "-o", str(target)]
+    shared = [flag for flag in FLAGS if flag not in ("-std=c99", "-fPIC", "-shared")]
+    command = ["cc", "-std=c11", *shared, *flags, f"-I{SOURCES}", str(source), "-o", str(target)]
     subprocess.run([*command, "-lm"], check=True)
     return target
 

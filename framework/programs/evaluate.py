@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..values.arrays import Array
+from ..values.arrays import Array, address
 from ..values.errors import WideberthError
 from .program import Program
 
@@ -50,11 +50,11 @@ class ColumnFunctions:
             return _by_casadi(self._functions[name], v, p)
         _, times, count = v.shape
         out = np.empty((program.results, times, count))
-        inputs = (_address(v), v.strides[0], _address(p), 8 * count)
-        address, row = _address(out), out.strides[0]
+        inputs = (address(v), v.strides[0], address(p), 8 * count)
+        first, row = address(out), out.strides[0]
         for k in range(times):
             _evaluator.evaluate(
-                program.address, k * count, count, *inputs, address + 8 * k * count, row
+                program.address, k * count, count, *inputs, first + 8 * k * count, row
             )
         return out
 
@@ -77,9 +77,3 @@ def _by_casadi(function: Any, v: Array, p: Array) -> Array:
     repeated = np.tile(p, times) if p.size else np.zeros((len(p), columns))
     result = function.map(columns)(v.reshape(len(v), columns), repeated)
     return np.array(result.nonzeros()).reshape(columns, -1).T.reshape(-1, times, count)
-
-
-def _address(array: Array) -> int:
-    """Address of an array's numbers; `ndarray.ctypes` takes three times as long."""
-    address: int = array.__array_interface__["data"][0]
-    return address

@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.arrays import address
 from .listing import Listing, is_name, listing_of
 from .operations import OPERATIONS
 
@@ -61,8 +62,7 @@ class Program:
     @property
     def address(self) -> int:
         """Address of the words, which stay in memory as long as this object."""
-        address: int = self.words.__array_interface__["data"][0]
-        return address
+        return address(self.words)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.words, self.results)
@@ -132,8 +132,6 @@ def _words(listing: Listing, steps: list[_Step]) -> NDArray[np.int64]:
     constants = sorted(name for name in names if not is_name(name))
     fixed = {name: k for k, name in enumerate([*constants, *listing.reads])}
     places, registers = _allocated(listing, steps, fixed)
-    # an operation writes the first row that it is; the evaluator copies the other ones
-    results = [registers - 1 - k if k < 0 else k for k in (places[n] for n in listing.results)]
 
     def numbers(names: Iterable[str]) -> Iterator[int]:
         return (registers - 1 - k if k < 0 else k for k in (places[name] for name in names))
@@ -152,7 +150,8 @@ def _words(listing: Listing, steps: list[_Step]) -> NDArray[np.int64]:
         np.array([float(name) for name in constants], dtype=np.float64).view(np.int64),
         np.array(reads, dtype=np.int64).reshape(-1),
         table.reshape(-1).view(np.int64),
-        np.array(results, dtype=np.int64),
+        # an operation writes the first row that it is; the evaluator copies the other ones
+        np.array([*numbers(listing.results)], dtype=np.int64),
     ]
     return np.concatenate(pieces).astype(np.int64)
 

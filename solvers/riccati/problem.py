@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
 from ...framework.programs import Program, c_source
-from ...framework.values.arrays import Array
+from ...framework.values.arrays import Array, address
 from ...framework.values.errors import WideberthError
 from .compile_once import compile_once
 from .kernels import Kernels, build, slot_name
-from .workspace import KernelTable, KindTable, ProblemTable, Workspace, address, shape_of
+from .workspace import KernelTable, KindTable, ProblemTable, Workspace, shape_of
 
 try:
     from . import _core

@@ -56,7 +56,7 @@ _STATUS = (
     Status.GIVEN_UP,
     Status.GIVEN_UP,
 )
-"""What each ``wb_status`` of the core is called outside."""
+"""Status of a solution for each ``wb_status`` of the core."""
 _NAMES = {status: str(status) for status in _STATUS}
 _WHY = {5: "it leads to the same plan as another", 6: "it leads to a dearer plan than another"}
 """Why the core gave a start up, by its ``wb_status``."""
@@ -90,7 +90,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
     iterations : limit.
     tolerance : of the optimality conditions, scaled as by IPOPT.
     compile : whether the system's C compiler compiles the stage functions of a problem, once per
-        machine. Solves then take about two thirds of the time.
+        machine. Solves then take about three quarters of the time.
     """
 
     iterations: int = ITERATIONS

@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from ...framework.mpc.ocp.problem import Parameters, SlotNumbers
 from ...framework.mpc.ocp.transcription import Guess, Multipliers
-from ...framework.values.arrays import Array
+from ...framework.values.arrays import Array, address
 
 MOST_PLANS = 8
 """Plans from other starts that a solve is compared with."""
-_ALIGNED = 64
-"""Bytes."""
 
 _WORD, _NUMBER, _PLACE = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 
@@ -79,7 +77,7 @@ class SlotsTable(ctypes.Structure):
 
 
 class StartTable(ctypes.Structure):
-    """What a solve starts from."""
+    """Numbers, guess and multipliers from which a solve starts."""
 
     _fields_ = _fields(_PLACE, "head initial states inputs multipliers plans slots")
 
@@ -95,14 +93,9 @@ class ResultTable(ctypes.Structure):
 
 
 class TaskTable(ctypes.Structure):
-    """All that a solve takes."""
+    """The arguments of a solve."""
 
     _fields_ = _fields(_PLACE, "problem settings start result stop memory")
-
-
-def address(array: NDArray[Any]) -> int:
-    """Address of an array's numbers."""
-    return int(array.ctypes.data)
 
 
 def shape_of(parameters: Parameters) -> tuple[Any, ...]:

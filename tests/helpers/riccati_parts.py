@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 
 from wideberth.framework.programs import SOURCES
-from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.arrays import Array, address
 from wideberth.solvers.riccati.workspace import (
     KindTable,
     ProblemTable,
     SettingsTable,
     SlotsTable,
     StartTable,
-    address,
 )
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -22,6 +22,7 @@ from wideberth.framework.mpc.solver import (
     pressed,
     solve_cheapest,
 )
+from wideberth.framework.values.arrays import address
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -29,7 +30,7 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.riccati import solver
 from wideberth.solvers.riccati.solver import Riccati
-from wideberth.solvers.riccati.workspace import KindTable, ProblemTable, SettingsTable, address
+from wideberth.solvers.riccati.workspace import KindTable, ProblemTable, SettingsTable
 from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.helpers.riccati_parts import Parts, compile_parts
 

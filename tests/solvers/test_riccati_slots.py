@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.values.arrays import Array
-from wideberth.solvers.riccati.workspace import KindTable, ProblemTable, address
+from wideberth.framework.values.arrays import Array, address
+from wideberth.solvers.riccati.workspace import KindTable, ProblemTable
 from wideberth.tests.helpers.riccati_parts import Parts, compile_parts
 
 SEEN, OWN, UNEQUAL, EQUAL = (0, 2), 3, 2, 1

@@ -233,7 +233,7 @@ class Problem:
 
     @property
     def constraint_functions(self) -> dict[str, Any]:
-        """What `constraint_values` evaluates, by name, each of two vectors."""
+        """Functions of two vectors, by name, which `constraint_values` evaluates."""
         x, u, following = (
             ca.SX.sym("x", self.states),
             ca.SX.sym("u", self.inputs),

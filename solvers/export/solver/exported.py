@@ -37,7 +37,7 @@ the values in registers."""
 
 @dataclass(frozen=True, eq=False)
 class ExportedSolver:
-    """What is exported.
+    """A problem with the solver's settings, as they are exported.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ from .tables import problem_header, problem_source
 CORE = Path(riccati.__file__).with_name("core")
 """Folder of the core's sources."""
 SOURCES = ("riccati.c", "problem.c", "wideberth_solver.c")
-"""What is compiled, in any export with a solver."""
+"""C files that every export with a solver compiles."""
 _HEADERS = ("riccati.h", "state.h", "slots.h", "sweep.h", "levels.h")
 
 

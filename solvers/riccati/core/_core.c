@@ -4,7 +4,7 @@
 
 #include "riccati.h"
 
-/* All that a solve takes. */
+/* The arguments of a solve. */
 typedef struct {
     const wb_problem *problem;
     const wb_settings *settings;

@@ -2,7 +2,6 @@
  * processors. */
 #ifdef WB_LEVEL_3
 #define wb_solve wb_solve_level_3
-#define wb_size wb_size_level_3
 #define wb_program wb_program_level_3
 #define wb_program_work wb_program_work_level_3
 #endif
