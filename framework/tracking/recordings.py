@@ -35,7 +35,7 @@ LONGEST_IDENTITY = 100
 LARGEST_COORDINATE = 1e8
 """m; a coordinate beyond it is no position on the earth, in whatever frame."""
 _NUMBER = re.compile(
-    r"[-+]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[-+]?[0-9]+)?|inf|infinity|nan)", re.IGNORECASE
+    r"[-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[-+]?[0-9]+)?|inf|infinity|nan)", re.IGNORECASE
 )
 """Numbers as all software reads them; Python's own grammar has ``1_5`` and other scripts too."""
 _WHOLE = re.compile(r"(-?[0-9]+)\.0*")
