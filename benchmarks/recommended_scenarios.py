@@ -19,7 +19,7 @@ import numpy as np
 from loky import get_reusable_executor
 
 from wideberth.experiments.engine.closed_loop import play
-from wideberth.experiments.engine.shipped_configs import CONFIGS, shipped
+from wideberth.experiments.engine.shipped_configs import config_path, shipped
 from wideberth.framework.plugins.config import build, construct, read_config
 from wideberth.framework.plugins.yamlfile import shared_settings
 from wideberth.simulation.engine.settings import Settings
@@ -37,7 +37,7 @@ def places() -> dict[tuple[str, str], tuple[Any, Any, Any]]:
     found: dict[str, tuple[str, str]] = {}
     parts: dict[tuple[str, str], tuple[Any, Any, Any]] = {}
     for name in shipped():
-        config = read_config(CONFIGS / f"{name}.yaml")
+        config = read_config(config_path(name))
         if config["type"] not in STUDIES or name == "fault_sweep":
             continue
         several = config["type"] == "comparison"

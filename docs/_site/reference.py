@@ -326,13 +326,11 @@ def inherited(found: type, homes: dict[int, str]) -> list[str]:
 
 def commands() -> str:
     """Return the page of the command line, from the command line itself."""
-    import typer
-
     from wideberth.experiments.cli.app import app
+    from wideberth.experiments.cli.extending import commands as commands_of
 
-    group = typer.main.get_command(app)
     lines = [heading("Command line"), "``wideberth COMMAND --help`` prints the same.", ""]
-    for name, command in group.commands.items():  # type: ignore[attr-defined]
+    for name, command in commands_of(app).items():
         lines += [
             heading(f"wideberth {name}", "-"),
             as_prose(command.help or ""),

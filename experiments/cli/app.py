@@ -14,64 +14,31 @@ import typer
 from typer import Argument, Option
 
 from ...framework.plugins.io import expanded
-from ...framework.plugins.registry import MODULE_FOLDERS, as_data
+from ...framework.plugins.registry import MODULE_FOLDERS
 from ...framework.values.errors import WideberthError
 from ..engine.places import RESULTS, result_place
 from ..engine.thread_limits import ROUNDING
 from . import completing
+from .extending import CommandGroup
+from .options import Config, KeptEpisode, Plugins, Set, kept_episodes, reading, result_folder
 
 if TYPE_CHECKING:
     from ..engine.base import Experiment
     from ..engine.dask_pool import Scheduler
 
 app: typer.Typer = typer.Typer(
+    cls=CommandGroup,
     help="Robot motion planning around moving obstacles with uncertain futures.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
 
 
-Config = Annotated[
-    str,
-    Argument(
-        help="A YAML file, or the name of a shipped config.", autocompletion=completing.configs
-    ),
-]
-Set = Annotated[
-    list[str] | None, Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
-]
 SetPlugin = Annotated[
     list[str] | None,
     Option("--set", help="KEY=VALUE of the plug-in, as in base.window=2; repeatable."),
 ]
-KeptEpisode = Annotated[
-    str,
-    Argument(
-        help="An episode (files/*.npz), a result's folder, or its config's name.",
-        autocompletion=completing.results,
-    ),
-]
 Out = Annotated[Path | None, Option(help="Folder of the result; results/NAME by default.")]
-
-
-def _import_named(context: typer.Context, modules: list[str] | None) -> list[str] | None:
-    from ...framework.plugins.config import import_plugins
-
-    if not context.resilient_parsing:
-        with chdir(os.curdir):  # plug-ins may change it
-            import_plugins(modules or ())
-    return modules
-
-
-Plugins = Annotated[
-    list[str] | None,
-    Option(
-        "--plugins",
-        metavar="MODULE",
-        callback=_import_named,
-        help="Import this module first; what files name of it is built. Repeatable.",
-    ),
-]
 Workers = Annotated[int, Option(help="Processes; the result does not depend on it.")]
 Quick = Annotated[bool, Option("--quick", help="A reduced version, in seconds.")]
 Fresh = Annotated[bool, Option("--fresh", help="Remove the files of an older result first.")]
@@ -92,9 +59,6 @@ RosArguments = Annotated[
     ),
 ]
 
-_reading = as_data(lambda message: typer.secho(f"Note: {message}", err=True))
-"""Of commands that read files of others: no module is imported that these name."""
-
 
 def _print_version(asked: bool) -> None:
     if asked:
@@ -112,19 +76,6 @@ def options(
     ] = False,
 ) -> None:
     """Offer what stands before any command."""
-
-
-def result_folder(name: str) -> Path:
-    """Return the folder that a path or the name of a config means.
-
-    Examples
-    --------
-    >>> [result_folder(name).as_posix() for name in ("tuning", "mine/tuning.yaml", "old/tuning")]
-    ['results/tuning', 'results/tuning', 'old/tuning']
-    """
-    folder = expanded(name)
-    own = len(folder.parts) > 1 and folder.suffix not in (".yaml", ".yml")
-    return folder if own or (folder / "config.yaml").is_file() else result_place(folder.stem)
 
 
 @app.command(no_args_is_help=True)
@@ -337,9 +288,8 @@ def check(
     plugins: Plugins = None,
 ) -> None:
     """Check that a plug-in keeps the laws of its room, one line per law."""
-    from ...framework import testing
     from ...framework.plugins.registry import room_name, unknown
-    from ...framework.testing.laws import Law, causes, findings
+    from ...framework.testing.laws import Law, all_checks, causes, findings, laws_of
     from ..engine.progress import working
     from .fitting import read_plugin
 
@@ -348,7 +298,7 @@ def check(
             f"studies have no contract check; `wideberth run {target} --quick` tries one"
         )
     kind = room_name(room).removesuffix("s")
-    checks = [name.removeprefix("check_") for name in testing.CHECKS]
+    checks = [name.removeprefix("check_") for name in all_checks()]
     if kind not in checks:
         raise WideberthError(unknown("contract check", kind, checks))
     if dimensions and not {*dimensions} <= {*DIMENSIONS.get(kind, ())}:
@@ -356,7 +306,7 @@ def check(
     plugin = read_plugin(room_name(room), target, set_ or [])
     choices = {"dimensions": tuple(dimensions)} if dimensions else {}
     broken: list[tuple[Law, Exception]] = []
-    for one in testing.laws_of(kind, plugin, **choices):
+    for one in laws_of(kind, plugin, **choices):
         with working(f"checking: {one.name}"):
             ((law, error),) = findings([one])
         verdict = f"exempt: {law.exception}" if law.exception else "broken" if error else "holds"
@@ -431,7 +381,7 @@ def fit(
 
 
 @app.command(no_args_is_help=True)
-@_reading
+@reading
 def show(
     result: Annotated[
         str,
@@ -702,7 +652,7 @@ def export(
 
 
 @app.command(no_args_is_help=True)
-@_reading
+@reading
 def report(
     results: Annotated[
         list[str], Argument(help="Folders of results, or the names of their configs.")
@@ -723,20 +673,8 @@ def report(
         typer.echo(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
-def _kept_episodes(episode: str, done: str) -> tuple[Path, list[Path]]:
-    """Return the path that an argument means and its episodes; say what is ``done`` with one."""
-    from ..report.player import find_episodes
-
-    path = expanded(episode)
-    path = path if path.exists() else result_folder(episode)
-    found = find_episodes(path)
-    if done and len(found) > 1:
-        typer.echo(f"{found[0]} is {done}, the first of {len(found)}")
-    return path, found
-
-
 @app.command(no_args_is_help=True)
-@_reading
+@reading
 def play(
     episode: KeptEpisode,
     out: Annotated[Path | None, Option(help="HTML file; the episode's name by default.")] = None,
@@ -754,7 +692,7 @@ def play(
     from ..report.player import play as write
 
     with working("writing the page"):
-        path, kept = _kept_episodes(episode, "")
+        path, kept = kept_episodes(episode, "")
         name = kept[0].stem if len(kept) == 1 else path.resolve().name
         page = write(path, expanded(out) if out else Path(f"{name}.html"), tail)
     typer.echo(f"written: {page} ({page.stat().st_size / 1e6:.1f} MB)")
@@ -763,7 +701,7 @@ def play(
 
 
 @app.command(no_args_is_help=True)
-@_reading
+@reading
 def film(
     episode: KeptEpisode,
     out: Annotated[
@@ -777,7 +715,7 @@ def film(
     from ..engine.progress import working
     from ..engine.result import read_episode
 
-    _, found = _kept_episodes(episode, "filmed")
+    _, found = kept_episodes(episode, "filmed")
     written = expanded(out) if out else Path(f"{found[0].stem}.gif")
     check_target(written, "GIF8" if written.suffix == ".gif" else "")
     log = read_episode(found[0])
@@ -879,7 +817,7 @@ def world(
 
 
 @app.command(no_args_is_help=True)
-@_reading
+@reading
 def bag(
     episode: KeptEpisode,
     out: Annotated[
@@ -896,7 +834,7 @@ def bag(
     from ..engine.progress import working
     from ..report.episode_bag import write_episode_bag
 
-    _, found = _kept_episodes(episode, "written")
+    _, found = kept_episodes(episode, "written")
     written = expanded(out) if out else Path(found[0].stem)
     with working("writing the recording"):
         counted = write_episode_bag(found[0], written, distribution=distribution, storage=storage)

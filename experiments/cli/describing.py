@@ -7,12 +7,12 @@ import re
 import sys
 from collections.abc import Iterator
 from functools import cache
-from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
 from textwrap import fill, indent
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+from ...framework.plugins.extensions import module_file
 from ...framework.plugins.lazy import PACKAGES
 from ...framework.plugins.registry import (
     ROOMS,
@@ -110,26 +110,9 @@ def summary(target: str) -> str:
         found = getattr(sys.modules[module], name, None)
         text = (found is not None and inspect.getdoc(found)) or ""
     else:
-        file = _file(module)
+        file = module_file(module)
         text = _docstrings(file).get(name, "") if file else ""
     return text.partition("\n")[0]
-
-
-def _file(module: str) -> Path | None:
-    """Return the file of a module, of which only the outermost package is imported, if any."""
-    top, *inner = module.split(".")
-    try:
-        spec = find_spec(top)
-    except (ImportError, ValueError):
-        return None
-    if spec is None or not spec.submodule_search_locations:
-        return Path(spec.origin) if spec and spec.origin and not inner else None
-    for folder in spec.submodule_search_locations:
-        place = Path(folder, *inner)
-        for file in (place.with_suffix(".py"), place / "__init__.py"):
-            if file.is_file():
-                return file
-    return None
 
 
 @cache

@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from ...framework.plugins.extensions import extension_files
 from ...framework.plugins.registry import home_of
 
 PACKAGE = Path(__file__).resolve().parents[2]
@@ -65,11 +66,17 @@ def _own_source() -> Any:
 
 
 def foreign_sources(experiment: Any, plugins: Sequence[str]) -> list[Path]:
-    """Return the files of all plug-ins in an experiment that do not come with the package."""
+    """Return the files of all plug-ins in an experiment that do not come with the package.
+
+    Of a package of this repository these are all its files.
+    """
     names = {type(part).__module__ for part in parts(experiment)} | set(plugins)
     own = {name for name in names if name.partition(".")[0] == "wideberth"}
-    files = [getattr(sys.modules.get(name), "__file__", None) for name in sorted(names - own)]
-    return [Path(file) for file in files if file]
+    files: dict[Path, None] = {}  # in this order
+    for name in sorted(names - own):
+        file = getattr(sys.modules.get(name), "__file__", None)
+        files |= dict.fromkeys(extension_files(name) or ([Path(file)] if file else []))
+    return [*files]
 
 
 def plugin_modules(plugin: Any) -> set[str]:

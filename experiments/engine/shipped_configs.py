@@ -5,10 +5,14 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import chdir
 from copy import deepcopy
+from functools import cache
+from importlib.metadata import EntryPoint
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, get_origin, get_type_hints
 
 from ...framework.plugins.config import build, import_plugins
+from ...framework.plugins.extensions import absent, distribution, installed
 from ...framework.plugins.registry import find_modules_beside, load, unknown
 from ...framework.plugins.yamlfile import assign, parsed, read_config
 from ...framework.values.errors import WideberthError, nearest, short
@@ -31,9 +35,37 @@ DEMO = (
 """Configs that ``wideberth demo`` runs, in this order."""
 
 
+@cache
+def _shipped() -> dict[str, Path]:
+    """Return name -> file of the configs of the core and of installed packages.
+
+    Raises
+    ------
+    WideberthError : two packages have a config of the same name.
+    """
+    found: dict[str, Path] = {}
+    for folder in (CONFIGS, *map(_folder, installed("configs").values())):
+        for path in folder.glob("*.yaml"):
+            if path.stem in found:
+                raise WideberthError(f"{path} has the name of {found[path.stem]}; rename one")
+            found[path.stem] = path
+    return found
+
+
+def _folder(entry: EntryPoint) -> Path:
+    """Return the folder of a package that holds configs."""
+    spec = find_spec(entry.value)
+    folders = [] if spec is None else list(spec.submodule_search_locations or ())
+    if not folders:
+        raise WideberthError(
+            f"{entry.value!r} of {distribution(entry)!r} is no package of configs"
+        )
+    return Path(folders[0])
+
+
 def shipped() -> list[str]:
-    """Return the names of the shipped configs, sorted."""
-    return sorted(path.stem for path in CONFIGS.glob("*.yaml"))
+    """Return the names of the shipped configs, those of installed packages included, sorted."""
+    return sorted(_shipped())
 
 
 def shipped_text(name: str) -> str:
@@ -44,8 +76,8 @@ def shipped_text(name: str) -> str:
     WideberthError : no config of this name is shipped.
     """
     if name not in shipped():
-        raise WideberthError(_unknown(name))
-    return (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8")
+        raise WideberthError(absent("configs", name) or _unknown(name))
+    return _shipped()[name].read_text(encoding="utf-8")
 
 
 def config_path(text: str) -> Path:
@@ -59,13 +91,13 @@ def config_path(text: str) -> Path:
     if path.is_file():
         return path
     if text in shipped():
-        return CONFIGS / f"{text}.yaml"
+        return _shipped()[text]
     if path.is_dir():
         raise WideberthError(f"{path} is a folder; wanted a YAML file or a shipped config")
     beside = [str(file) for file in path.parent.glob("*.yaml")]
     if hint := nearest(text, beside):
         raise WideberthError(f"there is no file {text!r}{hint}")
-    raise WideberthError(f"no such file, and {_unknown(text)}")
+    raise WideberthError(absent("configs", text) or f"no such file, and {_unknown(text)}")
 
 
 def _unknown(name: str) -> str:

@@ -8,18 +8,19 @@ what the person who runs the process writes imports a module; a file that is dat
 
 import sys
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points, packages_distributions
-from importlib.util import find_spec
+from importlib.metadata import EntryPoint, packages_distributions
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from ..values.errors import WideberthError, nearest, short
+from . import extensions
 from .deprecated import current
 
 P = TypeVar("P")
@@ -31,13 +32,14 @@ class Room:
 
     Attributes
     ----------
-    module : holds the table ``BUILT_IN``, name -> "module:Class".
+    module : holds the table ``BUILT_IN``, name -> "module:Class"; None where the plug-ins of the
+        room come from installed packages alone.
     base : "module:Class" that every plug-in of the room derives from.
     recipes : name -> "module:function" that completes the settings of a plug-in of the room, see
         `recipe`.
     """
 
-    module: str
+    module: str | None
     base: str
     recipes: Mapping[str, str] = field(default_factory=dict)
 
@@ -46,8 +48,34 @@ Recipe: TypeAlias = Callable[[Mapping[str, Any], str], Mapping[str, Any]]
 """(settings given, where they stand in the config) -> settings with ``type``."""
 
 
+class Rooms(Mapping[str, Room]):
+    """The rooms of the core, and those that installed packages declare.
+
+    Parameters
+    ----------
+    core : name -> room.
+    """
+
+    def __init__(self, core: Mapping[str, Room]) -> None:
+        self.core = core
+
+    @cached_property
+    def _all(self) -> dict[str, Room]:
+        declared = extensions.installed("groups", self.core)
+        return {**self.core, **{name: Room(None, entry.value) for name, entry in declared.items()}}
+
+    def __getitem__(self, name: str) -> Room:
+        return self.core[name] if name in self.core else self._all[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all)
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+
 _FRAMEWORK = "wideberth.framework"
-ROOMS = {
+ROOMS: Mapping[str, Room] = Rooms({
     "predictors": Room("wideberth.predictors", f"{_FRAMEWORK}.predictor:Predictor"),
     "calibrations": Room(
         "wideberth.predictors.calibrations", f"{_FRAMEWORK}.calibration:Calibration"
@@ -81,10 +109,10 @@ ROOMS = {
     "experiments": Room(
         "wideberth.experiments.studies", "wideberth.experiments.engine.base:Experiment"
     ),
-}
+})  # fmt: skip
 """The rooms stand here as text: the framework imports none of the others."""
 
-_registered: dict[str, dict[str, type]] = {room: {} for room in ROOMS}
+_registered: dict[str, dict[str, type]] = defaultdict(dict)
 MODULE_FOLDERS: list[str] = []
 """Where modules that the user names may be, besides `sys.path`; no library is taken from there."""
 _NOT_BUILT: ContextVar[dict[str, None] | None] = ContextVar("not_built", default=None)
@@ -136,6 +164,7 @@ def named(target: str, registered: Collection[str] = ()) -> Any:
     WideberthError : a module that cannot be imported or lacks the name; within `as_data` a module
         that nothing has imported yet.
     """
+    target = extensions.present(target)
     if target in registered:
         return _imported(target)
     if _NOT_BUILT.get() is None:
@@ -173,7 +202,7 @@ def find_modules_beside(file: Path) -> None:
 def import_named(module: str) -> None:
     """Import a module that the user named, which may register plug-ins."""
     sys.path.extend(place for place in MODULE_FOLDERS if place not in sys.path)
-    import_module(module)
+    import_module(extensions.present(module))
 
 
 def room_name(text: str) -> str:
@@ -191,6 +220,9 @@ def room_name(text: str) -> str:
     for name in (text, f"{text}s"):
         if name in ROOMS:
             return name
+    for name in (text, f"{text}s"):
+        if words := extensions.absent("groups", name):
+            raise WideberthError(f"room {words}")
     raise WideberthError(unknown("room", text, ROOMS))
 
 
@@ -244,6 +276,8 @@ def load(room: str, target: str) -> type[Any]:
         found = _entered(room, installed[target])
     elif (now := current(room, target)) != target:
         return load(room, now)
+    elif words := extensions.absent(room, target):
+        raise WideberthError(f"{room.removesuffix('s')} {words}")
     else:
         advice = (
             "; 'module:Class' names any other class, and `plugins: [module]` in a config imports "
@@ -305,22 +339,25 @@ def name_of(room: str, found: type) -> str:
     """Return the shortest target that loads this class: its name, or "module:Class"."""
     path = class_path(found)
     table = {name: class_path(other) for name, other in _registered[room].items()}
-    for name, where in {**table, **_built_in(room)}.items():
-        if where == path:
-            return name
+    installed = {name: entry.value for name, entry in _installed(room).items()}
+    for named_paths in ({**table, **_built_in(room)}, installed):
+        for name, where in named_paths.items():
+            if where == path:
+                return name
     return path
 
 
 def home_of(found: type) -> str | None:
     """Return the module to import so that the registered name of a class is known.
 
-    None for a class of this package, for one that is named by its path, and for one of a script,
-    which no other process can import.
+    None for a class of this package or of an entry point, for one that is named by its path, and
+    for one of a script, which no other process can import.
     """
     room, home = room_of(found), found.__module__
     if room is None or home == "__main__" or home.partition(".")[0] == "wideberth":
         return None
-    return None if ":" in name_of(room, found) else home
+    own = {class_path(other) for other in _registered[room].values()}
+    return home if class_path(found) in own else None
 
 
 def room_of(found: type) -> str | None:
@@ -340,7 +377,8 @@ def base_class(room: str) -> type:
 
 
 def _built_in(room: str) -> dict[str, str]:
-    table: dict[str, str] = import_module(ROOMS[room].module).BUILT_IN
+    module = ROOMS[room].module
+    table: dict[str, str] = import_module(module).BUILT_IN if module else {}
     return table
 
 
@@ -378,48 +416,32 @@ def unimportable(module: str, error: Exception) -> str:
     what = f"{type(error).__name__}: {said}"
     absent = isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]
     cure = "; it is looked for beside the config, in the working folder and in PYTHONPATH"
-    cure = cure if absent else ""
+    cure = (extensions.cure(module) or cure) if absent else ""
     return f"module {module!r}{owner} cannot be imported ({what}{place}){cure}"
 
 
 @cache
 def _installed(room: str) -> dict[str, EntryPoint]:
     """Return the entry points of installed packages, but for those that lead nowhere."""
-    found: dict[str, EntryPoint] = {}
-    for entry in sorted(entry_points(group=f"wideberth.{room}"), key=_distribution):
-        if entry.name in _built_in(room) or entry.name in found:
-            _complain(entry, f"the name {entry.name!r} in {room} is taken already")
-        elif find_spec(entry.value.partition(":")[0].partition(".")[0]) is None:
-            _complain(entry, f"{entry.value!r} names a module that is not installed")
-        else:
-            found[entry.name] = entry
-    return found
+    return extensions.installed(room, _built_in(room))
 
 
 def _entered(room: str, entry: EntryPoint) -> Any:
+    owner = extensions.distribution(entry)
     try:
         found = entry.load()
     except Exception as error:  # a third party's package may fail in any way
         reason = unimportable(entry.module, error)
-        _complain(entry, reason)
+        extensions.leave_out(entry, reason)
         raise WideberthError(
-            f"{entry.name!r} in {room} comes from the distribution {_distribution(entry)!r}, "
+            f"{entry.name!r} in {room} comes from the distribution {owner!r}, "
             f"and {reason}; mend or uninstall it"
         ) from error
     own = sorted(name for name, other in _registered[room].items() if other is found)
     if own and entry.name not in own:
         raise WideberthError(
-            f"entry point {entry.name!r} of the distribution {_distribution(entry)!r} names a "
+            f"entry point {entry.name!r} of the distribution {owner!r} names a "
             f"class that registers itself in {room} as {own[0]!r}: no other process would find "
             f"it by that name; give both the same name"
         )
     return found
-
-
-def _distribution(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist is not None else "unknown"
-
-
-def _complain(entry: EntryPoint, reason: str) -> None:
-    message = f"plug-in {entry.name!r} of {_distribution(entry)!r} is left out: {reason}"
-    warnings.warn(message, stacklevel=4)

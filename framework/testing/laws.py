@@ -17,6 +17,7 @@ from inspect import Signature, signature
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, final
 
+from ..plugins.extensions import installed
 from ..values.coverage import Coverage
 from ..values.errors import MissingLibraryError, WideberthError
 from ..values.failures import in_words
@@ -46,6 +47,12 @@ CHECKS = {
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }
 """Contract check -> the module that it stands in, which is imported on first use."""
+
+
+def all_checks() -> dict[str, str]:
+    """Return contract check -> its module, those of installed packages included."""
+    return {**CHECKS, **{name: entry.value for name, entry in installed("checks", CHECKS).items()}}
+
 
 _VALUES = {
     *(
@@ -179,7 +186,7 @@ def laws_of(kind: str, plugin: Any, **choices: Any) -> tuple[Law, ...]:
     'NumPy and CasADi agree'
     """
     check = f"check_{kind}"
-    contract: Contract[Any] = vars(import_module(CHECKS[check]))[check]
+    contract: Contract[Any] = vars(import_module(all_checks()[check]))[check]
     return contract.laws(plugin, **choices)
 
 

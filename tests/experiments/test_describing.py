@@ -15,7 +15,7 @@ import wideberth
 from wideberth.experiments.cli import describing
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.describing import described, listed, split, summary
-from wideberth.framework.plugins import registry
+from wideberth.framework.plugins import extensions, registry
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import ROOMS, load
 from wideberth.framework.values.errors import WideberthError
@@ -142,7 +142,7 @@ def test_a_name_that_cannot_be_imported_is_listed_as_that(
     }
     points = [EntryPoint(name, at, "wideberth.controllers") for name, at in targets.items()]
     monkeypatch.setattr(registry, "_installed", registry._installed.__wrapped__)
-    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    monkeypatch.setattr(extensions, "entries", lambda: {"controllers": points})
     found = listed("controllers")
     for name in ("absent_module", "absent_class", "unsound"):
         assert found[name] == (

@@ -9,7 +9,7 @@ import pytest
 from wideberth import recommended
 from wideberth.controllers import Withdrawing
 from wideberth.experiments.engine.provenance import keys
-from wideberth.experiments.engine.shipped_configs import CONFIGS, read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import config_path, read_experiment, shipped
 from wideberth.experiments.studies.encounter import Encounter
 from wideberth.experiments.studies.tuning import Tuning
 from wideberth.framework.controller import WrapsController
@@ -28,7 +28,7 @@ def test_configs_and_the_game_take_the_same_planner() -> None:
     crossing, _ = read_experiment("crossing", [])
     assert isinstance(crossing, Encounter)
     assert describe(crossing.planners["default"]) == describe(built)
-    texts = [(CONFIGS / f"{name}.yaml").read_text() for name in shipped()]
+    texts = [config_path(name).read_text() for name in shipped()]
     assert sum("<<: recommended" in text for text in texts) >= 13
 
 

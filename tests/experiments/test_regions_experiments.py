@@ -10,6 +10,7 @@ import pytest
 
 from wideberth.experiments.engine.base import Experiment, Result, Row
 from wideberth.experiments.engine.csv_tables import write_table
+from wideberth.experiments.engine.shipped_configs import config_path
 from wideberth.experiments.studies.approximation_error import ApproximationError, map_rows
 from wideberth.experiments.studies.ellipse_construction import EllipseConstruction
 from wideberth.experiments.studies.forecast_regions import ForecastRegions
@@ -17,7 +18,6 @@ from wideberth.framework.plugins.io import write_bytes
 from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.values.errors import WideberthError
 
-CONFIGS = Path(__file__).parents[2] / "experiments" / "configs"
 EXPERIMENTS = [ApproximationError(), ForecastRegions(), EllipseConstruction()]
 
 
@@ -157,7 +157,7 @@ def test_figures_are_drawn_from_the_result_alone(experiment: Any, tmp_path: Path
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda one: type(one).__name__)
 def test_shipped_config_states_the_defaults(experiment: Any) -> None:
     name = Path(__import__(type(experiment).__module__, fromlist=["x"]).__file__).stem
-    config = read_config(CONFIGS / f"{name}.yaml", [])
+    config = read_config(config_path(name), [])
     assert config.pop("type") == name
     assert set(config) == {field.name for field in fields(experiment)}
     for key, value in config.items():

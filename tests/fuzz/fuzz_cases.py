@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.experiments.engine.shipped_configs import CONFIGS, read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import config_path, read_experiment, shipped
 from wideberth.framework.control.command_limits import broken_limit
 from wideberth.framework.controller import Controller, DrivesRobot
 from wideberth.framework.plugins.config import build
@@ -465,7 +465,7 @@ def config_case(seed: int) -> Iterator[Call]:
 
 def mutated(rng: Rng, name: str) -> bytes:
     """Change a shipped config in up to four places."""
-    lines = (CONFIGS / f"{name}.yaml").read_text().splitlines()
+    lines = config_path(name).read_text().splitlines()
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
     for _ in range(int(rng.integers(1, 5))):
         at, how = int(rng.integers(len(lines))), int(rng.integers(9))

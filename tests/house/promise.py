@@ -16,6 +16,7 @@ import yaml
 
 from wideberth.docs._site.reference import Group, groups
 from wideberth.experiments.cli.app import app
+from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine import column_descriptions, result_folder
 from wideberth.experiments.engine.shipped_configs import shipped
 from wideberth.framework.mpc.diagnosis import solve_record
@@ -160,9 +161,8 @@ def _settings() -> list[type]:
 
 def _commands() -> dict[str, list[str]]:
     """Return command -> arguments and options."""
-    group: Any = typer.main.get_command(app)
-    found = {"wideberth": [*_options(group)]}
-    return found | {name: [*_options(command)] for name, command in sorted(group.commands.items())}
+    found = {"wideberth": [*_options(typer.main.get_command(app))]}
+    return found | {name: [*_options(one)] for name, one in sorted(commands(app).items())}
 
 
 def _options(command: Any) -> Iterator[str]:

@@ -98,6 +98,7 @@ def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path)
     wanted |= {f"wideberth/docs/{name}.md" for name in ("results", "metrics")}  # for reports
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
     wanted |= {"wideberth/nav2/names.yaml"}
+    wanted |= {"wideberth/framework/plugins/known_packages.yaml"}
     sources = [*(ROOT / "framework/programs").glob("*.[ch]")]
     sources += (ROOT / "solvers/riccati/core").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in sources}

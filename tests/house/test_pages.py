@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
 from wideberth import build, save_plugin
 from wideberth.experiments.cli.app import app, ros_apart
+from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.planner.rungs import Fallback
@@ -160,13 +160,12 @@ def scripts_of(words: list[str]) -> list[str]:
 
 def wideberth(words: list[str]) -> None:
     """Let the command line parse a command, and read the config that it names."""
-    group: Any = typer.main.get_command(app)
-    command = group.commands[words[0]]
+    command = commands(app)[words[0]]
     given = command.make_context(words[0], ros_apart(words[1:])).params
     if "config" in given:
         read_experiment(given["config"], list(given.get("set_") or []))
     if words[0] == "new":
-        group.main(words, standalone_mode=False)  # a later line runs what it writes
+        app(words, standalone_mode=False)  # a later line runs what it writes
     if words[0] == "check":
         registry.load(given["room"], given["target"])
     if words[0] == "list" and given.get("room") not in (None, "configs"):
@@ -203,7 +202,7 @@ def provide(folder: Path) -> None:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Work in a folder that holds what pages speak of, and forget what runs there registers."""
     provide(tmp_path)
-    kept = {room: dict(known) for room, known in registry._registered.items()}
+    kept = {room: dict(registry._registered[room]) for room in registry.ROOMS}
     monkeypatch.setattr(registry, "_registered", kept)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.benchmarks.recorded_instances import Instance, read_instances
-from wideberth.experiments.engine.shipped_configs import CONFIGS
+from wideberth.experiments.engine.shipped_configs import config_path
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.planner.planner import Planner
@@ -130,7 +130,7 @@ def test_the_papers_limit_is_ipopts_own_clock(instance: Instance) -> None:
 
 @pytest.mark.parametrize("name", ["chicken_game", "crossing"])
 def test_the_paper_config_has_the_papers_limit(name: str) -> None:
-    settings = read_config(CONFIGS / f"{name}.yaml")["planners"]["paper"]
+    settings = read_config(config_path(name))["planners"]["paper"]
     planner = build("controllers", settings)
     assert isinstance(planner, Planner)
     assert planner.solver == Ipopt(graph="mx", max_cpu_time=0.45)

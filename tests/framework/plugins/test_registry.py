@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.framework.plugins import registry
+from wideberth.framework.plugins import extensions, registry
 from wideberth.framework.plugins.config import import_plugins
 from wideberth.framework.plugins.registry import (
     ROOMS,
@@ -128,7 +128,7 @@ def _install(monkeypatch: pytest.MonkeyPatch, *points: tuple[str, str]) -> None:
     entries = [EntryPoint(name, value, "wideberth.predictors") for name, value in points]
     for entry in entries:
         vars(entry)["dist"] = _Distribution()
-    monkeypatch.setattr(registry, "entry_points", lambda group: entries)
+    monkeypatch.setattr(extensions, "entries", lambda: {"predictors": entries})
     monkeypatch.setattr(registry, "_installed", INSTALLED)
 
 
