@@ -1,6 +1,6 @@
 """The files that run first."""
 
-from wideberth.tests.conftest import LONG
+from wideberth.tests.shared.plugin import LONG
 from wideberth.tests.house.test_imports import ROOT
 
 

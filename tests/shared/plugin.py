@@ -1,4 +1,4 @@
-"""Options of the test run, and what several test files share."""
+"""Options of the test run, and what all test files share; pytest loads it as a plugin."""
 
 import ctypes
 import gc
@@ -11,14 +11,15 @@ from types import ModuleType
 
 import pytest
 
-GOLDEN = Path(__file__).with_name("golden_regions.json")
-DENSE = Path(__file__).parent / "data" / "dense"
-OTHERS = Path(__file__).parent / "data" / "others"
+TESTS = Path(__file__).resolve().parents[1]
+GOLDEN = TESTS / "golden_regions.json"
+DENSE = TESTS / "data" / "dense"
+OTHERS = TESTS / "data" / "others"
 LARGE, GROWN, PAGE = 600e6, 100e6, 4096
 """Bytes: of a test process that drops what it has compiled, by which it grows until it does so
 again, and of a page of memory."""
-NAV2 = Path(__file__).parent / "data" / "nav2"
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+NAV2 = TESTS / "data" / "nav2"
+BENCHMARKS = TESTS.parent / "benchmarks"
 LONG = (
     "framework/mpc/test_three_dimensions.py",
     "benchmarks/test_benchmarks.py",
@@ -80,7 +81,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave slow tests out unless they are asked for, as in ``-m slow``; order the others."""
-    rank = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
+    rank = {TESTS / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: rank.get(item.path, len(LONG)))
     if "slow" not in str(config.getoption("markexpr")):
         for item in items:
