@@ -1,13 +1,18 @@
 PY  ?= python3
 BIN := .venv/bin
 ROOMS := framework draw people metrics predictors regions robots routes perception solvers controllers \
-  nav2 simulation ros experiments
+  simulation ros experiments
+# Distributions beside the core, each in packages/NAME.
+PACKAGES := nav2
+EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
 SITE ?= docs/_build/html
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
 # Where it is set, every process would compile all that it imports once more.
 unexport PYTHONDONTWRITEBYTECODE
+
+TESTS := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 # Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
 EXTRAS := all bench cluster docs lint physics test
@@ -18,11 +23,11 @@ LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --
 C_SOURCES := $(wildcard framework/programs/*.[ch] solvers/riccati/core/*.[ch])
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph lock
+.PHONY: help demo test test-core ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+	@grep -E '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
 
 demo: .venv/ready       ## set up, run the paper's scenarios and figures, print the tables
 	$(BIN)/wideberth demo --workers 2
@@ -30,7 +35,13 @@ demo: .venv/ready       ## set up, run the paper's scenarios and figures, print 
 # A file at a time: what a file's tests share is made once, not by every worker.
 test: .venv/ready ros   ## set up and run the tests
 	@echo "tests: about half an hour on two cores, a dot for each; failures are listed at the end"
-	$(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
+	$(TESTS)
+
+test-core: .venv/ready  ## set up and run the tests of the core alone
+	$(TESTS) tests
+
+test-%: .venv/ready     ## set up and run the tests of one package, as in test-nav2
+	$(TESTS) packages/$*/tests
 
 ros: $(ROS)             ## make .venv/ros-kilted and .venv/ros-jazzy of wheels, where they can be had
 
@@ -53,6 +64,8 @@ style: .venv/ready      ## check style
 lint: style             ## check style and types
 	cd .venv/link && ../bin/mypy --config-file wideberth/pyproject.toml \
 	  --cache-dir ../../.mypy_cache wideberth/__init__.py $(ROOMS:%=wideberth/%)
+	cd .venv/link && ../bin/mypy --config-file wideberth/pyproject.toml \
+	  --cache-dir ../../.mypy_cache $(PACKAGES:%=-p wideberth_%)
 	$(BIN)/pyright
 	$(BIN)/python tests/house/typed_scripts.py
 	cd .venv/typed && PATH=$(CURDIR)/$(BIN):$$PATH PYTHONPATH=. pyright \
@@ -118,12 +131,12 @@ lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 
 # Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
 # .venv/link there; imports go on to find the clone itself, which pip's finder names.
-.venv/ready: pyproject.toml requirements.lock setup.py $(C_SOURCES)
+.venv/ready: pyproject.toml $(PACKAGES:%=packages/%/pyproject.toml) requirements.lock setup.py $(C_SOURCES)
 	@echo "set-up: installing what requirements.lock lists into .venv, some minutes the first time"
 	$(PY) -m venv .venv
 	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip install --python .venv -q --require-hashes -r requirements.lock
-	$(BIN)/uv pip install --python .venv -q --no-deps --reinstall-package wideberth -e .
+	$(BIN)/uv pip install --python .venv -q --no-deps --reinstall-package wideberth $(EDITABLE)
 	mkdir -p .venv/link .venv/typed/wideberth && ln -sfn ../.. .venv/link/wideberth
 	for part in __init__.py __init__.pyi py.typed $(ROOMS); do \
 	  ln -sfn ../../../$$part .venv/typed/wideberth/$$part; done

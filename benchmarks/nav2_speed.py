@@ -11,13 +11,13 @@ from wideberth.framework.robot import step
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Detection, Observation, Twist
 from wideberth.framework.values.path import Path
-from wideberth.nav2.controllers.local_controller import Answer, LocalController
-from wideberth.nav2.controllers.local_controller import Tick as Asked
-from wideberth.nav2.controllers.local_controllers import LOCAL, shipped_parameters
-from wideberth.nav2.costmap.local_costmap import CostmapView
-from wideberth.nav2.server.navigator import Nav2, Navigation
-from wideberth.nav2.server.settings import LoopSettings
 from wideberth.robots import Unicycle
+from wideberth_nav2.controllers.local_controller import Answer, LocalController
+from wideberth_nav2.controllers.local_controller import Tick as Asked
+from wideberth_nav2.controllers.local_controllers import LOCAL, shipped_parameters
+from wideberth_nav2.costmap.local_costmap import CostmapView
+from wideberth_nav2.server.navigator import Nav2, Navigation
+from wideberth_nav2.server.settings import LoopSettings
 
 ROBOT = Unicycle(0.3, 0.7, 1.5, 2.0, 3.0)
 PERSONS, RADIUS, SPEED = 10, 0.3, 0.5

@@ -13,7 +13,6 @@ BUILT_IN: dict[str, str] = {
     "fcp": "wideberth.controllers.fcp:FunctionalConformalPlanner",
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
     "mpc": "wideberth.framework.mpc.planner.planner:Planner",
-    "nav2": "wideberth.nav2.server.navigator:Nav2",
     "orca": "wideberth.controllers.orca:Orca",
     "policy": "wideberth.controllers.policy:Policy",
     "pure_pursuit": "wideberth.controllers.pure_pursuit:PurePursuit",

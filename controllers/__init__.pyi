@@ -16,7 +16,6 @@ from .pure_pursuit import PurePursuit as PurePursuit
 from .social_force import SocialForceController as SocialForceController
 from .withdrawing import Withdrawing as Withdrawing
 from ..framework.mpc.planner.planner import Planner as Planner
-from ..nav2.server.navigator import Nav2 as Nav2
 from ..routes.around_crowds import AroundCrowds as AroundCrowds
-__all__ = ['AdaptiveConformalPlanner', 'AroundCrowds', 'BilevelOrca', 'ConformalController', 'ConstantVelocityController', 'DynamicWindow', 'EgocentricConformalPlanner', 'FunctionalConformalPlanner', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
+__all__ = ['AdaptiveConformalPlanner', 'AroundCrowds', 'BilevelOrca', 'ConformalController', 'ConstantVelocityController', 'DynamicWindow', 'EgocentricConformalPlanner', 'FunctionalConformalPlanner', 'MoussaidForce', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
 BUILT_IN: dict[str, str]

@@ -188,7 +188,7 @@ def mentioned(found: Any) -> set[type]:
         hints += found.__bases__
     return {
         part for hint in hints for part in parts(hint)
-        if inspect.isclass(part) and part.__module__.startswith("wideberth.")
+        if inspect.isclass(part) and part.__module__.startswith(("wideberth.", "wideberth_"))
     }  # fmt: skip
 
 

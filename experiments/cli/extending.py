@@ -16,9 +16,10 @@ from ...framework.values.errors import WideberthError
 class CommandGroup(TyperGroup):
     """The commands of the core, and those that installed packages offer as entry points.
 
-    An entry point of the kind ``commands`` names a ``typer.Typer``: a command where it has one
-    function, else a group of commands. The help line of the list is the first line of its module's
-    docstring, which is read without an import.
+    An entry point of the kind ``commands`` names a ``typer.Typer``, made with
+    ``add_completion=False``: a command where it has one function, else a group of commands. The
+    help line of the list is the first line of its module's docstring, which is read without an
+    import.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:

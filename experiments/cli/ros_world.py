@@ -9,13 +9,14 @@ from typing import Any, final
 
 import numpy as np
 
+from wideberth_nav2.costmap.rays import ranges_along
+
 from ...framework.controller import Controller
 from ...framework.values.arrays import Array, positive
 from ...framework.values.motion import Command, Detection, Observation, Pose
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ...framework.values.sensing import Scan
-from ...nav2.costmap.rays import ranges_along
 from ...ros.simulated_robot import Restart, SimulatedRobot, simulated_robot
 from ...routes.polygons import grid_of_polygons
 from ...simulation.cascade.cascade import PATIENCE

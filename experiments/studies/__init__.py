@@ -28,7 +28,6 @@ BUILT_IN: dict[str, str] = {
     "cost_comparison": f"{_HERE}.cost_comparison:CostComparison",
     "level_policies": f"{_HERE}.level_policies:LevelPolicies",
     "known_futures": f"{_HERE}.known_futures:KnownFutures",
-    "nav2_rivals": f"{_HERE}.nav2_rivals:Nav2Rivals",
     "wheel_calibration": f"{_HERE}.wheel_calibration:WheelCalibration",
     "guarantees": f"{_HERE}.guarantees:Guarantees",
     "reacting_calibration": f"{_HERE}.reacting_calibration:ReactingCalibration",

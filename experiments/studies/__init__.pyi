@@ -21,7 +21,6 @@ from .forecast_regions import ForecastRegions as ForecastRegions
 from .guarantees import Guarantees as Guarantees
 from .known_futures import KnownFutures as KnownFutures
 from .level_policies import LevelPolicies as LevelPolicies
-from .nav2_rivals import Nav2Rivals as Nav2Rivals
 from .planner_parts import PlannerParts as PlannerParts
 from .prediction_benchmark import PredictionBenchmark as PredictionBenchmark
 from .reacting_calibration import ReactingCalibration as ReactingCalibration
@@ -30,5 +29,5 @@ from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
 from .wheel_calibration import WheelCalibration as WheelCalibration
-__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'ConformalTable', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FieldPrice', 'FirstSight', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'Nav2Rivals', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
+__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'ConformalTable', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FieldPrice', 'FirstSight', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
 BUILT_IN: dict[str, str]

@@ -16,9 +16,11 @@ DEPENDENCIES: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text(enco
 ]["dependencies"]
 
 BLOCK = """
+import importlib.metadata
 import sys
 
 BLOCKED = {blocked!r}
+importlib.metadata.entry_points = lambda **_: importlib.metadata.EntryPoints()
 
 
 class Finder:

@@ -31,7 +31,7 @@ import yaml
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse
-from wideberth.tests.house.test_imports import ROOMS, ROOT, parsed
+from wideberth.tests.house.test_imports import ROOMS, ROOT, files_of, parsed
 
 SETTINGS = ("ros.node_settings:NodeSettings",)
 """Settings that no field of a plug-in holds."""
@@ -46,7 +46,7 @@ def plugins() -> dict[type, tuple[str, str]]:
         registry.load(room, name): (room, name)
         for room in registry.ROOMS
         for name, target in registry.targets(room).items()
-        if target.startswith("wideberth.")
+        if target.startswith(("wideberth.", "wideberth_"))
     }
 
 
@@ -299,10 +299,12 @@ def files(*patterns: str) -> list[Path]:
 def set_somewhere() -> set[Option]:
     """Return every option that the package, its configs or its pages set."""
     everything: set[Option] = set()
-    for path in files("experiments/configs/*.yaml", "examples/*.yaml", "controllers/**/*.yaml"):
+    configs = ("experiments/configs/*.yaml", "packages/*/configs/*.yaml")
+    for path in files(*configs, "examples/*.yaml", "controllers/**/*.yaml"):
         config = parse(path.read_text(encoding="utf-8"), path.name)
         everything |= {*set_in_config(config, kinds())}
-    python = files(*(f"{room}/**/*.py" for room in ROOMS), "docs/**/*.py", "examples/**/*.py")
+    python = [path for room in ROOMS for path in files_of(room)]
+    python += files("docs/**/*.py", "examples/**/*.py")
     for path in (path for path in python if "testing" not in path.parts):
         everything |= {*set_in_python(parsed(path))}
     for path in files("*.md", "docs/**/*.md"):

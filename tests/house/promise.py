@@ -30,6 +30,8 @@ from wideberth.tests.house.test_pages import PAGES, blocks
 
 PLACE = ROOT / "docs" / "promise.yaml"
 HEAD = "# Written by `make promise`; docs/promise.md explains it.\n"
+OURS = ("wideberth.", "wideberth_")
+"""How the modules of this repository begin."""
 REST = "further"
 """The group of the reference that lists what other signatures mention: it is not promised."""
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
@@ -78,7 +80,7 @@ def _names(found: list[Group]) -> dict[str, Any]:
     listed = _listed()
     faces = {id(one): path for path, one in listed.items()}
     entries = [entry for group in found for entry in group.entries]
-    own = [one for one in entries if one.path.startswith("wideberth.")]  # no plug-in of a test
+    own = [one for one in entries if one.path.startswith(OURS)]  # no plug-in of a test
     documented = {entry.path: entry.found for entry in own}
     paths = {path if path in listed else faces.get(id(one), path): one
              for path, one in documented.items()}  # fmt: skip
@@ -112,7 +114,7 @@ def _shown() -> dict[str, Any]:
         f"{node.module}.{alias.name}": registry._imported(f"{node.module}:{alias.name}")
         for text in texts
         for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("wideberth.")
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(OURS)
         for alias in node.names
     }
 
@@ -123,7 +125,7 @@ def _inside(found: Any) -> list[str]:
         return list(inspect.signature(found).parameters)
     if not inspect.isclass(found) or found in plugins():
         return OWN.get(getattr(found, "__name__", ""), [])
-    bases = [base for base in found.__mro__ if base.__module__.startswith("wideberth.")]
+    bases = [base for base in found.__mro__ if base.__module__.startswith(OURS)]
     members = {name for base in bases for name in (*vars(base), *_annotated(base))}
     return sorted(name for name in members if not name.startswith("_"))
 

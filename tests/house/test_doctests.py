@@ -10,15 +10,14 @@ import pkgutil
 import numpy as np
 import pytest
 
-import wideberth
-from wideberth.tests.house.test_imports import ROOMS
+from wideberth.tests.house.test_imports import PACKAGES, ROOMS, folder_of
 
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_examples(room: str) -> None:
-    folder = f"{wideberth.__path__[0]}/{room}"
+    package = room if room in PACKAGES else f"wideberth.{room}"
     failed = {}
-    for info in pkgutil.walk_packages([folder], f"wideberth.{room}."):
+    for info in pkgutil.walk_packages([str(folder_of(room))], f"{package}."):
         module = importlib.import_module(info.name)
         with np.printoptions(legacy=False):
             count, _ = doctest.testmod(module, optionflags=doctest.ELLIPSIS)

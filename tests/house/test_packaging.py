@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOP = (
     "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
-    "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
+    "perception", "solvers", "controllers", "simulation", "ros", "experiments",
 )  # fmt: skip
 DATA = ("experiments/data", "ros/files")
 """Folders of files that are not modules."""
@@ -97,7 +97,6 @@ def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path)
     wanted = modules | configs | {f"wideberth/{name}" for name in FACE}
     wanted |= {f"wideberth/docs/{name}.md" for name in ("results", "metrics")}  # for reports
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
-    wanted |= {"wideberth/nav2/names.yaml"}
     wanted |= {"wideberth/framework/plugins/known_packages.yaml"}
     sources = [*(ROOT / "framework/programs").glob("*.[ch]")]
     sources += (ROOT / "solvers/riccati/core").iterdir()
@@ -148,7 +147,7 @@ def test_locks_name_every_dependency_and_no_address() -> None:
     every, extras = ROOT / "requirements.lock", SETTINGS["project"]["optional-dependencies"]
     named = {every: list(SETTINGS["project"]["dependencies"])}
     for extra, names in extras.items():
-        others = [name for name in names if not name.startswith("wideberth[")]
+        others = [name for name in names if not name.startswith("wideberth")]
         named.setdefault(own.get(extra, every), []).extend(others)
     assert set(named) == {every, *own.values()}
     for lock, wanted in named.items():

@@ -12,7 +12,7 @@ import pytest
 
 from wideberth.framework.plugins.lazy import PACKAGES
 from wideberth.tests.house.stubs import FACES, stubs
-from wideberth.tests.house.test_imports import ROOMS, ROOT, parsed
+from wideberth.tests.house.test_imports import ROOMS, ROOT, files_of, parsed
 
 
 def test_editors_read_what_the_tables_say() -> None:
@@ -87,7 +87,7 @@ def test_what_readers_copy_imports_from_the_rooms(path: Path) -> None:
 def test_no_public_class_has_the_name_of_another() -> None:
     homes = defaultdict(list)
     for room in ROOMS:
-        for path in sorted((ROOT / room).rglob("*.py")):
+        for path in files_of(room):
             for node in parsed(path).body:
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                     homes[node.name].append(str(path.relative_to(ROOT)))

@@ -16,10 +16,18 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.tests.house.test_imports import ROOMS, ROOT, parsed
+from wideberth.tests.house.test_imports import (
+    CORE,
+    ROOMS,
+    ROOT,
+    files_of,
+    folder_of,
+    module_name,
+    parsed,
+)
 
-PACKAGE = [ROOT / "__init__.py", *(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))]
-COMPILED = [path for room in ROOMS for path in (ROOT / room).rglob("_[a-z]*.pyi")]
+PACKAGE = [ROOT / "__init__.py", *(path for room in ROOMS for path in files_of(room))]
+COMPILED = [path for room in ROOMS for path in folder_of(room).rglob("_[a-z]*.pyi")]
 """What is known of extension modules."""
 AROUND = [
     path
@@ -29,16 +37,17 @@ AROUND = [
 ]
 PAGES = [
     path
-    for folder in ("benchmarks", "docs", *ROOMS)
+    for folder in ("benchmarks", "docs", "packages", *CORE)
     for kind in ("md", "yaml")
     for path in (ROOT / folder).rglob(f"*.{kind}")
-    if "_build" not in path.parts
+    if "_build" not in path.parts and path.name != "known_packages.yaml"  # it names former ones
 ]
 CODE = {*PACKAGE, *(ROOT / "benchmarks").glob("*.py")}
 TEXTS = sorted([*PACKAGE, *AROUND, *PAGES, *ROOT.glob("*.md"), ROOT / "pyproject.toml"])
 OTHERS = {
     "wideberth.controllers.NAME",  # of a logger
     "animation.writer",  # of matplotlib
+    "wideberth_nav2.cpp", "wideberth_nav2.xml",  # of the exported ROS package
     "level.tail", "body.yaw_gain",  # keys of configs
     "environment.unwrapped.episode",  # an attribute of what a page makes
 }  # fmt: skip
@@ -57,13 +66,11 @@ def modules() -> dict[str, Names]:
     """Return what each module defines or imports, by its name within the package."""
     found = {}
     for path in [*PACKAGE, *COMPILED, *AROUND]:
-        parts = path.relative_to(ROOT).with_suffix("").parts
         names = dict(_defined(parsed(path).body))
-        if parts[-1] == "__init__":
-            parts, offered = parts[:-1], path.with_suffix(".pyi")  # names that are imported late
-            if offered.is_file():
-                names |= dict(_defined(parsed(offered).body))
-        found[".".join(parts)] = names
+        offered = path.with_suffix(".pyi")  # names that are imported late
+        if path.stem == "__init__" and offered.is_file():
+            names |= dict(_defined(parsed(offered).body))
+        found[module_name(path)] = names
     return found
 
 

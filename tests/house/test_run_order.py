@@ -1,7 +1,7 @@
 """The files that run first."""
 
-from wideberth.tests.shared.plugin import LONG
 from wideberth.tests.house.test_imports import ROOT
+from wideberth.tests.shared.plugin import LONG
 
 
 def test_every_file_that_runs_first_exists() -> None:

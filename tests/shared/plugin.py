@@ -18,7 +18,7 @@ OTHERS = TESTS / "data" / "others"
 LARGE, GROWN, PAGE = 600e6, 100e6, 4096
 """Bytes: of a test process that drops what it has compiled, by which it grows until it does so
 again, and of a page of memory."""
-NAV2 = TESTS / "data" / "nav2"
+NAV2 = TESTS.parent / "packages" / "nav2" / "tests" / "data"
 BENCHMARKS = TESTS.parent / "benchmarks"
 LONG = (
     "framework/mpc/test_three_dimensions.py",
@@ -66,7 +66,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--golden-nav2",
         metavar="FOLDER",
         default=str(NAV2),
-        help="golden cases recorded from Nav2 (default: some of them, copied to tests/data/nav2)",
+        help="golden cases recorded from Nav2 (default: those in packages/nav2/tests/data)",
     )
 
 

@@ -41,7 +41,7 @@ def check_scent(scent):
 ''',
     "smell.py": '''"""Smell at a rose."""
 import typer
-app = typer.Typer()
+app = typer.Typer(add_completion=False)
 
 @app.command(no_args_is_help=True)
 def smell(times: int) -> None:

@@ -9,15 +9,12 @@ import pytest
 
 from wideberth import WideberthError
 from wideberth.framework.plugins.extras import check_extra, from_extra, gathered
+from wideberth.tests.house.test_imports import ROOMS, files_of
 
 ROOT = Path(__file__).resolve().parents[3]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
     "optional-dependencies"
 ]
-ROOMS = (
-    "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
-    "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
-)  # fmt: skip
 
 
 def test_an_error_says_who_needs_it_and_what_else_can_be_done() -> None:
@@ -64,7 +61,7 @@ def test_several_lacks_are_named_together_each_library_once() -> None:
 def named_extras() -> set[tuple[str, str]]:
     """Return library and extra of every call of `from_extra` in the package."""
     found = set()
-    for path in (file for room in ROOMS for file in (ROOT / room).rglob("*.py")):
+    for path in (file for room in ROOMS for file in files_of(room)):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             named = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
             if named and node.func.id == "from_extra":  # type: ignore[attr-defined]

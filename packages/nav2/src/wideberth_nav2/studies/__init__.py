@@ -1,0 +1,1 @@
+"""The study that compares controllers of Nav2 with ours."""
