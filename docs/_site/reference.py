@@ -41,7 +41,10 @@ INTERFACES = {
     "wideberth.experiments.engine.base": ("Experiment", "Task", "TaskOutcome", "Result"),
 }
 """What one derives from, and the values that its methods take and return."""
-TOOL_ROOMS = ("experiments", "metrics", "perception", "ros", "simulation")
+TOOL_ROOMS = (
+    *("wideberth.experiments", "wideberth.metrics", "wideberth.perception"),
+    *("wideberth.simulation", "wideberth_ros"),
+)
 """Rooms whose own names are no plug-ins: what guides import from them."""
 RUNGS = ("Optimal", "FeasibleIterate", "ShiftedPlan", "LeastViolation", "Brake")
 ROOM_TITLES = {
@@ -149,12 +152,12 @@ def tools(found: list[Group]) -> Iterable[Entry]:
     """Collect what `TOOL_ROOMS` offer and no group has yet."""
     known = {id(entry.found) for group in found for entry in group.entries}
     for room in TOOL_ROOMS:
-        module = getattr(wideberth, room)
+        module = importlib.import_module(room)
         for name in module.__all__:
             one = getattr(module, name)
             own = inspect.isclass(one) or inspect.isfunction(one)  # no alias of a type, no number
             if own and id(one) not in known:
-                yield Entry(f"wideberth.{room}.{name}", one)
+                yield Entry(f"{room}.{name}", one)
 
 
 def further(found: list[Group]) -> tuple[Entry, ...]:
@@ -216,10 +219,10 @@ def interface_entries() -> Iterable[Entry]:
 def room_group(room: str, title: str, text: str) -> Group:
     """List the plug-ins of a room, each from where a script would import it."""
     entries = []
-    module = ROOMS[room].module
+    module = ROOMS[room].module or ""
     for name in names(room):
         found = load(room, name)
-        offered = getattr(importlib.import_module(module), "__all__", ())
+        offered = importlib.import_module(module).__all__ if module else ()
         home = module if found.__name__ in offered else found.__module__
         entries.append(Entry(f"{home}.{found.__name__}", found, name))
     return Group(room, title, text, tuple(entries))

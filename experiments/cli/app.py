@@ -50,14 +50,6 @@ TlsCa = Annotated[Path | None, Option(help="PEM file: who signs the cluster's ce
 TlsCert = Annotated[Path | None, Option(help="PEM file: our certificate for the cluster.")]
 TlsKey = Annotated[Path | None, Option(help="PEM file: its key, if not in the same file.")]
 Parquet = Annotated[bool, Option("--parquet", help="Write table.parquet beside table.csv.")]
-Seconds = Annotated[float | None, Option(help="After which it stops; endless by default.")]
-RosArguments = Annotated[
-    list[str] | None,
-    Argument(
-        help="For ROS: --ros-args -r /odom:=/robot/odom --params-file FILE.",
-        show_default=False,
-    ),
-]
 
 
 def _print_version(asked: bool) -> None:
@@ -450,14 +442,15 @@ def show(
 
 def _config_text(word: str, name: str, part: bool) -> str:
     """Return the shipped file that the two words of `wideberth show` mean."""
+    from ...framework.plugins.extensions import function
     from ..engine.column_descriptions import column_meanings, dash_meaning
     from ..engine.line_width import width, wrapped
     from ..engine.shipped_configs import shipped_text
     from .describing import is_config_room
-    from .ros_files import ros_file
 
     if word == "ros":
-        return ros_file(name)
+        text: str = function("ros_file", f"files for {word}")(name)
+        return text
     if word == COLUMN and not part:
         meanings = column_meanings(name)
         lines = [*meanings, dash_meaning(meanings)]
@@ -727,91 +720,6 @@ def film(
     with working("drawing the frames"):
         made.save(written)
     typer.echo(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")
-
-
-@app.command(no_args_is_help=True)
-def node(
-    file: Annotated[str, Argument(help="A YAML file with `planner` and `node`.")],
-    set_: Set = None,
-    seconds: Seconds = None,
-    relay: Annotated[
-        str | None,
-        Option(help="Command of another Python, which has rclpy: a relay runs there."),
-    ] = None,
-    ros: RosArguments = None,
-) -> None:
-    """Drive a robot of ROS 2: a managed node of rclpy."""
-    from .ros_node import run_node
-
-    run_node(expanded(file), set_ or [], ros or [], seconds, relay)
-
-
-@app.command(no_args_is_help=True)
-def forecast(
-    file: Annotated[str, Argument(help="A YAML file with `predictor` and `forecast`.")],
-    set_: Set = None,
-    seconds: Seconds = None,
-    ros: RosArguments = None,
-) -> None:
-    """Publish where people may be, for other planners of ROS 2: maps, points, Gaussians."""
-    from .ros_forecast import run_forecast
-
-    run_forecast(expanded(file), set_ or [], ros or [], seconds)
-
-
-@app.command(no_args_is_help=True)
-def world(
-    config: Config,
-    set_: Set = None,
-    case: Annotated[
-        list[str] | None,
-        Option(help="COLUMN=VALUE of the table, as in scenario=circle; repeatable."),
-    ] = None,
-    seed: Annotated[int | None, Option(min=0, help="Of the first episode.")] = None,
-    robot: Annotated[str, Option(help="Which robot; the first by default.")] = "",
-    rate: Annotated[float, Option(help="Seconds of the episode in one second.")] = 1.0,
-    stepped: Annotated[
-        bool, Option("--stepped", help="Time waits for a TwistStamped of the present instant.")
-    ] = False,
-    people: Annotated[bool, Option(help="Show people as tracked obstacles.")] = True,
-    lidar: Annotated[
-        bool, Option("--lidar", help="Add a LiDAR where the experiment has none.")
-    ] = False,
-    resolution: Annotated[float, Option(help="Metres, of the map's cells.")] = 0.05,
-    ros: RosArguments = None,
-) -> None:
-    """Be a robot of ROS 2 among the people of an experiment, and judge who drives it."""
-    from .ros_world import WorldSettings, run_world
-
-    settings = WorldSettings(rate, stepped, people, lidar, resolution)
-    run_world(config, set_ or [], case or [], seed, robot, settings, ros or [])
-
-
-@app.command(no_args_is_help=True)
-@reading
-def bag(
-    episode: KeptEpisode,
-    out: Annotated[
-        Path | None,
-        Option(help="Folder, which must not exist yet; the episode's name by default."),
-    ] = None,
-    storage: Annotated[str, Option(help="mcap or sqlite3.")] = "mcap",
-    distribution: Annotated[
-        str, Option(help="Of ROS 2: humble, jazzy, kilted or lyrical.")
-    ] = "jazzy",
-    plugins: Plugins = None,
-) -> None:
-    """Write an episode as a recording of ROS 2, for RViz and Foxglove."""
-    from ..engine.progress import working
-    from ..report.episode_bag import write_episode_bag
-
-    _, found = kept_episodes(episode, "written")
-    written = expanded(out) if out else Path(found[0].stem)
-    with working("writing the recording"):
-        counted = write_episode_bag(found[0], written, distribution=distribution, storage=storage)
-    for topic, count in sorted(counted.items()):
-        typer.echo(f"  {topic}: {count}")
-    typer.echo(f"written: {written}")
 
 
 def ros_apart(arguments: list[str]) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 
 from ...framework import Path, WideberthError
+from ...framework.plugins.extensions import function
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.jrdb import odometry_file, read_jrdb
 from ...framework.tracking.recordings import (
@@ -14,16 +15,16 @@ from ...framework.tracking.recordings import (
     TRACK_COLUMNS,
     Recording,
     doubts,
+    is_bag,
     is_number,
     named_columns,
     read_robot_log,
     read_rows,
     read_tracks,
+    storage_files,
 )
 from ...framework.tracking.thor_magni import is_thor_magni, read_thor_magni
 from ...framework.values.arrays import Array, positive, whole
-from ...ros.bag_file import is_bag, storage_files
-from ...ros.bag_tracks import read_bag_tracks
 from ...simulation.engine.agents import ReplayAgent
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
@@ -54,7 +55,7 @@ class TrackFile:
     Parameters
     ----------
     path : of a text file, of a file of THÖR-MAGNI or of JRDB as published, or of a recording of
-        ROS 2 (a folder of rosbag2, or its .mcap or .db3; extra ``bags``), relative to the working
+        ROS 2 (a folder of rosbag2, or its .mcap or .db3; extra ``ros``), relative to the working
         folder; ``shipped:crowd.txt`` and ``shipped:robot.txt`` are the synthetic recordings that
         come with the package.
     dt : s. Of ``frame id x y`` the time between rows, which the file does not hold; all others
@@ -71,7 +72,7 @@ class TrackFile:
         robot that stays at whole metres is mistaken: state its kind.
     radius : m, of a recorded body (0.3 m: a person).
     minimum_samples : samples that a usable track has in a row.
-    topic : of a recording of ROS 2; see `wideberth.ros.bag_tracks.read_bag_tracks`.
+    topic : of a recording of ROS 2; see `read_bag_tracks` of the package that reads them.
     odometry : of JRDB; see `wideberth.framework.tracking.jrdb.read_jrdb`.
 
     Raises
@@ -127,7 +128,9 @@ class TrackFile:
         """Read the file as what it is."""
         few = self.minimum_samples
         if self.is_bag:
-            return read_bag_tracks(self.file, self.dt, topic=self.topic, minimum_samples=few)
+            read = function("read_bag_tracks", f"{self.file} is a recording of ROS 2")
+            recording: Recording = read(self.file, self.dt, topic=self.topic, minimum_samples=few)
+            return recording
         kind = guess_kind(self.file) if self.kind == "auto" else self.kind
         if kind == "thor-magni":
             return read_thor_magni(self.file, self.dt, minimum_samples=few)

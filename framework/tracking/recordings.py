@@ -752,3 +752,19 @@ def unusable(track: Array, dt: float, minimum: int, longest_gap: float) -> str |
     if np.diff(ends).max() >= minimum:
         return None
     return f"gaps longer than {longest_gap:g} s leave no stretch of {minimum} samples"
+
+
+BAG_SUFFIXES = (".mcap", ".db3")
+"""Of the files of a recording of ROS 2."""
+
+
+def storage_files(path: Path) -> list[Path]:
+    """Return the files that hold the messages of a recording, a folder or a file."""
+    if path.is_file():
+        return [path]
+    return sorted(one for suffix in BAG_SUFFIXES for one in path.glob(f"*{suffix}*"))
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a recording of ROS 2."""
+    return path.suffix in BAG_SUFFIXES or (path.is_dir() and bool(storage_files(path)))

@@ -285,7 +285,7 @@ def test_robot_log_is_played() -> None:
 def test_a_recording_of_ros_is_replayed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("rosbags", reason="pip install 'wideberth[bags]'")
+    pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
     from wideberth.tests.helpers.bags import obstacles, odometry, write_bag
 
     recording = TrackFile().read()

@@ -32,17 +32,17 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.sensing import Scan
-from wideberth.ros.decoding import OBSTACLES
-from wideberth.ros.messages import messages
-from wideberth.ros.node import PlannerNode
-from wideberth.ros.node_settings import NodeSettings
-from wideberth.ros.obstacle_sources import ObstacleTopic, ScanTopic
-from wideberth.ros.path_sources import GoalTopic, MapPlanner, MapTopic
 from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.helpers.bags import odometry, quaternion, transform, vector
 from wideberth.tests.helpers.network import Network
 from wideberth.tests.helpers.rays import ranges
+from wideberth_ros.decoding import OBSTACLES
+from wideberth_ros.messages import messages
+from wideberth_ros.node import PlannerNode
+from wideberth_ros.node_settings import NodeSettings
+from wideberth_ros.obstacle_sources import ObstacleTopic, ScanTopic
+from wideberth_ros.path_sources import GoalTopic, MapPlanner, MapTopic
 
 ROBOT = {"type": "unicycle", "radius": 0.3, "max_yaw_rate": 1.0, "max_yaw_acceleration": 1.0}
 STEP = 0.05

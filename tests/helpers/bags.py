@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.ros.messages import messages
+from wideberth_ros.messages import messages
 
 ARRAY = "nav2_dynamic_msgs/msg/ObstacleArray"
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from wideberth.ros.messages import messages
+from wideberth_ros.messages import messages
 
 
 @dataclass

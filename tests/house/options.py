@@ -33,7 +33,7 @@ from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse
 from wideberth.tests.house.test_imports import ROOMS, ROOT, files_of, parsed
 
-SETTINGS = ("ros.node_settings:NodeSettings",)
+SETTINGS = ("wideberth_ros.node_settings:NodeSettings",)
 """Settings that no field of a plug-in holds."""
 Kinds = frozenset[type]
 Option = tuple[type, str]
@@ -53,7 +53,7 @@ def plugins() -> dict[type, tuple[str, str]]:
 def others() -> list[type]:
     """Return the classes of `SETTINGS`."""
     modules = (target.partition(":") for target in SETTINGS)
-    return [getattr(import_module(f"wideberth.{module}"), name) for module, _, name in modules]
+    return [getattr(import_module(module), name) for module, _, name in modules]
 
 
 @cache

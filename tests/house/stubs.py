@@ -12,16 +12,17 @@ from pathlib import Path
 from wideberth.framework.plugins.lazy import PACKAGES
 from wideberth.framework.plugins.registry import ROOMS
 
-ROOT = Path(__file__).resolve().parents[2]
 HEAD = """# Written by `make types` from the table in __init__.py: change that, not this.
 # ruff: noqa
 # fmt: off
 """
 OTHERS = (
     *("wideberth.framework", "wideberth.framework.testing", "wideberth.draw", "wideberth.metrics"),
-    *("wideberth.perception", "wideberth.ros", "wideberth.simulation", "wideberth.experiments"),
+    *("wideberth.perception", "wideberth_ros", "wideberth.simulation", "wideberth.experiments"),
 )
-FACES = ("wideberth", *OTHERS, *(room.module for room in ROOMS.values()))
+CORE = {name: room for name, room in ROOMS.items() if room.module is not None}
+"""Rooms of the core: the overloads of `build` and `load` name their plug-ins alone."""
+FACES = ("wideberth", *OTHERS, *(str(room.module) for room in CORE.values()))
 CHOSEN = ("build", "load", "load_plugin")
 """Functions of the root whose result depends on names that they are given."""
 
@@ -30,8 +31,8 @@ def stubs() -> dict[Path, str]:
     """Return the text of every ``__init__.pyi``, by its place."""
     found = {}
     for package in FACES:
-        folder = ROOT.joinpath(*package.split(".")[1:])
-        found[folder / "__init__.pyi"] = "\n".join([HEAD, *_lines(package)]) + "\n"
+        file = Path(str(import_module(package).__file__))
+        found[file.with_suffix(".pyi")] = "\n".join([HEAD, *_lines(package)]) + "\n"
     return found
 
 
@@ -65,16 +66,16 @@ def _by_name() -> Iterator[str]:
     yield "from pathlib import Path as _Path"
     yield "from typing import Any as _Any, Literal as _Literal, overload as _overload"
     yield "__version__: str"
-    for room, entry in ROOMS.items():
-        yield _imported("wideberth", entry.module, f"_{room}")
+    for room, entry in CORE.items():
+        yield _imported("wideberth", str(entry.module), f"_{room}")
         yield _imported("wideberth", entry.base, f"_{room}_base")
         yield f"_{room}_name = _Literal[{room!r}, {room.removesuffix('s')!r}]"
     named = [
         (f"_{room}_name", f"_Literal[{name!r}]", f"_{room}.{target.partition(':')[2]}")
-        for room, entry in ROOMS.items()
-        for name, target in import_module(entry.module).BUILT_IN.items()
+        for room, entry in CORE.items()
+        for name, target in import_module(str(entry.module)).BUILT_IN.items()
     ]
-    bases = [*((f"_{room}_name", f"_{room}_base") for room in ROOMS), ("str", "_Any")]
+    bases = [*((f"_{room}_name", f"_{room}_base") for room in CORE), ("str", "_Any")]
     rest = 'path: str = "", default: _Any = None'
     for room, name, found in [*named, *((room, "_Any", base) for room, base in bases)]:
         yield f"@_overload\ndef build(room: {room}, value: {name}, {rest}) -> {found}: ..."

@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Iterator
 
-from wideberth.tests.house.test_imports import FLOORS, ROOT, files_of, imported, parsed
+from wideberth.tests.house.test_imports import ROOMS, ROOT, files_of, imported, parsed
 
 LIBRARIES = {"pickle", "_pickle", "cloudpickle", "dill", "joblib", "marshal", "shelve"}
 WORKERS = "experiments/engine/worker.py"
@@ -12,7 +12,7 @@ CALLS = {"load", "read_pickle", "fromfile", "memmap"}
 """Functions of NumPy and pandas that read files, by arguments or always, without a bound."""
 READER = "framework/plugins/io.py"
 """Holds the one call of ``numpy.load``, with bounds and without pickles."""
-FILES = [path for rooms in FLOORS for room in rooms for path in files_of(room)]
+FILES = [path for room in ROOMS for path in files_of(room)]
 
 
 def calls(tree: ast.Module) -> Iterator[ast.Call]:
@@ -54,8 +54,8 @@ IMPORTERS = {
     "framework/plugins/extras.py": "libraries of extras",
     "framework/testing/laws.py": "a table of checks",
     "framework/tracking/trajdata_scene.py": "one library",
-    "ros/link.py": "packages of ROS messages that a user's node names",
-    "ros/interfaces.py": "generators of ROS",
+    "packages/ros/src/wideberth_ros/link.py": "packages of ROS messages that a user's node names",
+    "packages/ros/src/wideberth_ros/interfaces.py": "generators of ROS",
     "simulation/physics/film.py": "a table of MuJoCo's backends",
 }
 """File that imports by a name -> whose name that is. None is of a file that is data."""

@@ -1,0 +1,1 @@
+"""The commands for ROS 2, and what they read."""

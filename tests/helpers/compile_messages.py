@@ -1,6 +1,0 @@
-"""Compile all messages that an installation of ROS 2 may lack; `make ros` runs it."""
-
-from wideberth.ros.definitions import ACTIONS, DEFINITIONS
-from wideberth.ros.interfaces import provide
-
-provide(sorted({name.partition("/")[0] for name in DEFINITIONS | ACTIONS}))
