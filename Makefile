@@ -1,9 +1,9 @@
 PY  ?= python3
 BIN := .venv/bin
-ROOMS := framework draw people metrics predictors regions robots routes perception solvers controllers \
+ROOMS := framework draw people metrics predictors regions robots routes solvers controllers \
   simulation experiments
 # Distributions beside the core, each in packages/NAME.
-PACKAGES := nav2 ros
+PACKAGES := nav2 perception ros
 EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
 SITE ?= docs/_build/html
@@ -15,10 +15,10 @@ unexport PYTHONDONTWRITEBYTECODE
 TESTS := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 # Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
-EXTRAS := all bench cluster docs lint physics test
-ROS_EXTRAS := physics sim
+EXTRAS := all bench cluster docs lint test
+ROS_EXTRAS := sim
 # Packages that the tests of ROS 2 need in its environments.
-ROS_PACKAGES := nav2 ros
+ROS_PACKAGES := nav2 perception ros
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
   --no-header -q $(PACKAGES:%=--no-emit-package wideberth-%)
 # Of the extension modules, which an editable install builds beside them.

@@ -22,7 +22,7 @@ _NAMES = {
 }
 """Module -> its names that are public here, which are imported on first use."""
 _ROOMS = """
-    controllers draw experiments framework metrics people perception predictors regions robots
+    controllers draw experiments framework metrics people predictors regions robots
     routes simulation solvers
 """
 

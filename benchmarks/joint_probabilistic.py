@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.framework.tracker import Tracker
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Sightings, TrackedObstacle
-from wideberth.perception.tracking.motion import carried, corrected
+from wideberth_perception.tracker import Tracker
+from wideberth_perception.tracking.motion import carried, corrected
 
 EPOCH = datetime(2020, 1, 1)
 SURE = 0.5

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FIGURE = ROOT / "docs" / "figures" / "import-graph.png"
 ROOMS = (
     "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
-    "perception", "solvers", "controllers", "simulation", "experiments",
+    "solvers", "controllers", "simulation", "experiments",
 )  # fmt: skip
 PANELS = ("", "framework", "framework/mpc", "simulation", "experiments")
 """Folders whose parts a panel shows; "" for the rooms."""

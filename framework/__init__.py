@@ -5,7 +5,6 @@ from .plugins.lazy import lazy, targets_in
 _NAMES = {
     "calibration": "Calibration MomentCalibration fewest_ranks largest moments rank_quantile",
     "controller": "Controller DrivesRobot",
-    "detector": "Detector",
     "mpc.costs.base": "Cost",
     "mpc.levels.base": "LevelPolicy Promise level_of",
     "mpc.ocp.bodies": "Body BodyPath bodies body_starts",
@@ -27,14 +26,12 @@ _NAMES = {
     "risk.collision_probability": "collision_probability",
     "robot": "Bounds Quantity Robot",
     "route_planner": "Route RoutePlanner",
-    "state_estimator": "StateEstimator",
     "static_region": "StaticRegion",
     "testing": """
-        check_calibration check_controller check_cost check_detector check_level check_predictor
+        check_calibration check_controller check_cost check_level check_predictor
         check_region check_robot check_route_planner check_scenario check_slot_kind check_solver
-        check_state_estimator check_static_region check_tracker
+        check_static_region
     """,
-    "tracker": "Tracker",
     "tracking.forecast_sets": "read_forecasts write_forecasts",
     "tracking.identities": "Identities",
     "tracking.jrdb": "read_jrdb",

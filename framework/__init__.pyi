@@ -10,7 +10,6 @@ from .calibration import moments as moments
 from .calibration import rank_quantile as rank_quantile
 from .controller import Controller as Controller
 from .controller import DrivesRobot as DrivesRobot
-from .detector import Detector as Detector
 from .mpc.costs.base import Cost as Cost
 from .mpc.levels.base import LevelPolicy as LevelPolicy
 from .mpc.levels.base import Promise as Promise
@@ -65,12 +64,10 @@ from .robot import Quantity as Quantity
 from .robot import Robot as Robot
 from .route_planner import Route as Route
 from .route_planner import RoutePlanner as RoutePlanner
-from .state_estimator import StateEstimator as StateEstimator
 from .static_region import StaticRegion as StaticRegion
 from .testing import check_calibration as check_calibration
 from .testing import check_controller as check_controller
 from .testing import check_cost as check_cost
-from .testing import check_detector as check_detector
 from .testing import check_level as check_level
 from .testing import check_predictor as check_predictor
 from .testing import check_region as check_region
@@ -79,10 +76,7 @@ from .testing import check_route_planner as check_route_planner
 from .testing import check_scenario as check_scenario
 from .testing import check_slot_kind as check_slot_kind
 from .testing import check_solver as check_solver
-from .testing import check_state_estimator as check_state_estimator
 from .testing import check_static_region as check_static_region
-from .testing import check_tracker as check_tracker
-from .tracker import Tracker as Tracker
 from .tracking.forecast_sets import read_forecasts as read_forecasts
 from .tracking.forecast_sets import write_forecasts as write_forecasts
 from .tracking.identities import Identities as Identities
@@ -130,4 +124,4 @@ from .values.walls import box as box
 from .values.walls import walls_around as walls_around
 from .values.walls import walls_of_segments as walls_of_segments
 from .values.walls import walls_of_shapes as walls_of_shapes
-__all__ = ['Adaptive', 'AdaptiveFiltering', 'Array', 'Auxiliary', 'Beliefs', 'Body', 'BodyPath', 'BoolArray', 'Bounds', 'Calibration', 'Command', 'Constraint', 'Controller', 'Cost', 'Costmap', 'Coverage', 'Detection', 'Detector', 'Discs', 'DrivesRobot', 'Event', 'FallbackRung', 'Filtering', 'Fittable', 'Forecast', 'Frame', 'GaussianObstacle', 'Guarantee', 'Identities', 'InertialSample', 'KnownObstacles', 'LIGHT', 'LevelPolicy', 'LevelledKind', 'Measurements', 'MomentCalibration', 'NotHeld', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'PlanningContext', 'Polygon', 'Pose', 'Predictor', 'Promise', 'Quantity', 'Region', 'Relation', 'Robot', 'Route', 'RoutePlanner', 'Scalar', 'Scan', 'Scene', 'Sightings', 'SlotAssignment', 'SlotKind', 'SlotNumbers', 'SlotSizes', 'Slots', 'Solver', 'StateEstimator', 'StaticRegion', 'Status', 'Touch', 'Tracker', 'Tracks', 'Twist', 'WheelSample', 'WideberthError', 'Windows', 'active_slots', 'best_direction', 'bodies', 'body_starts', 'box', 'build', 'check_calibration', 'check_controller', 'check_cost', 'check_detector', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_state_estimator', 'check_static_region', 'check_tracker', 'collision_probability', 'cut_windows', 'describe', 'deviations', 'fewest_ranks', 'largest', 'level_of', 'load', 'load_plugin', 'moments', 'names', 'next_capacity', 'on_time', 'rank_quantile', 'read_config', 'read_forecasts', 'read_jrdb', 'read_thor_magni', 'read_tracks', 'read_trajdata', 'recommended', 'refuse_misfits', 'register', 'resampled_tracks', 'save_plugin', 'separation', 'slots_of', 'solve_many', 'steer', 'walls_around', 'walls_of_segments', 'walls_of_shapes', 'windows_of', 'write_forecasts']
+__all__ = ['Adaptive', 'AdaptiveFiltering', 'Array', 'Auxiliary', 'Beliefs', 'Body', 'BodyPath', 'BoolArray', 'Bounds', 'Calibration', 'Command', 'Constraint', 'Controller', 'Cost', 'Costmap', 'Coverage', 'Detection', 'Discs', 'DrivesRobot', 'Event', 'FallbackRung', 'Filtering', 'Fittable', 'Forecast', 'Frame', 'GaussianObstacle', 'Guarantee', 'Identities', 'InertialSample', 'KnownObstacles', 'LIGHT', 'LevelPolicy', 'LevelledKind', 'Measurements', 'MomentCalibration', 'NotHeld', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'PlanningContext', 'Polygon', 'Pose', 'Predictor', 'Promise', 'Quantity', 'Region', 'Relation', 'Robot', 'Route', 'RoutePlanner', 'Scalar', 'Scan', 'Scene', 'Sightings', 'SlotAssignment', 'SlotKind', 'SlotNumbers', 'SlotSizes', 'Slots', 'Solver', 'StaticRegion', 'Status', 'Touch', 'Tracks', 'Twist', 'WheelSample', 'WideberthError', 'Windows', 'active_slots', 'best_direction', 'bodies', 'body_starts', 'box', 'build', 'check_calibration', 'check_controller', 'check_cost', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_static_region', 'collision_probability', 'cut_windows', 'describe', 'deviations', 'fewest_ranks', 'largest', 'level_of', 'load', 'load_plugin', 'moments', 'names', 'next_capacity', 'on_time', 'rank_quantile', 'read_config', 'read_forecasts', 'read_jrdb', 'read_thor_magni', 'read_tracks', 'read_trajdata', 'recommended', 'refuse_misfits', 'register', 'resampled_tracks', 'save_plugin', 'separation', 'slots_of', 'solve_many', 'steer', 'walls_around', 'walls_of_segments', 'walls_of_shapes', 'windows_of', 'write_forecasts']

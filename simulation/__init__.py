@@ -8,12 +8,6 @@ _NAMES = {
     "engine.episode": "run_episode",
     "engine.settings": "Settings",
     "log.episode_log": "Episode",
-    "physics.body": "LARGE SkidSteerBody",
-    "physics.film": "film",
-    "physics.scene": "PhysicalPerson PhysicalRobot PhysicalScene",
-    "physics.sensors": "InertialUnit Lidar WheelEncoders",
-    "physics.slip": "slip_of",
-    "physics.world": "PhysicsWorld",
     "scenarios.base": "Placement Range Scenario checked_range draw_value",
     "scenarios.placing": "draw_place",
 }

@@ -23,8 +23,8 @@ INTERFACES = {
     "wideberth.framework.static_region": ("StaticRegion",),
     "wideberth.framework.robot": ("Robot",),
     "wideberth.framework.controller": ("Controller",),
-    "wideberth.framework.detector": ("Detector",),
-    "wideberth.framework.tracker": ("Tracker",),
+    "wideberth_perception.detector": ("Detector",),
+    "wideberth_perception.tracker": ("Tracker",),
     "wideberth.framework.route_planner": ("RoutePlanner", "Route"),
     "wideberth.framework.mpc.levels.base": ("LevelPolicy", "SharedLevel"),
     "wideberth.framework.mpc.costs.base": ("Cost", "ProgressCost", "Weights", "Moment"),
@@ -42,7 +42,7 @@ INTERFACES = {
 }
 """What one derives from, and the values that its methods take and return."""
 TOOL_ROOMS = (
-    *("wideberth.experiments", "wideberth.metrics", "wideberth.perception"),
+    *("wideberth.experiments", "wideberth.metrics", "wideberth_perception"),
     *("wideberth.simulation", "wideberth_ros"),
 )
 """Rooms whose own names are no plug-ins: what guides import from them."""
@@ -219,10 +219,10 @@ def interface_entries() -> Iterable[Entry]:
 def room_group(room: str, title: str, text: str) -> Group:
     """List the plug-ins of a room, each from where a script would import it."""
     entries = []
-    module = ROOMS[room].module or ""
     for name in names(room):
         found = load(room, name)
-        offered = importlib.import_module(module).__all__ if module else ()
+        module = ROOMS[room].module or found.__module__.rpartition(".")[0]
+        offered = getattr(importlib.import_module(module), "__all__", ())
         home = module if found.__name__ in offered else found.__module__
         entries.append(Entry(f"{home}.{found.__name__}", found, name))
     return Group(room, title, text, tuple(entries))

@@ -703,8 +703,8 @@ def film(
     plugins: Plugins = None,
 ) -> None:
     """Film an episode in space, drawn by MuJoCo; from above where that cannot be."""
+    from ...framework.plugins.extensions import function
     from ...framework.plugins.io import check_target
-    from ...simulation.physics.film import film as filmed
     from ..engine.progress import working
     from ..engine.result import read_episode
 
@@ -713,7 +713,7 @@ def film(
     check_target(written, "GIF8" if written.suffix == ".gif" else "")
     log = read_episode(found[0])
     try:
-        made = filmed(log)
+        made = function("film", "a film in space")(log)
     except WideberthError as error:
         typer.echo(f"{error}\nIt is filmed from above instead.")
         made = log.animate()

@@ -18,7 +18,7 @@ from ...framework.plugins.registry import home_of
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = (
     "framework", "people", "metrics", "predictors", "regions", "robots", "routes",
-    "perception", "solvers", "controllers", "simulation", "experiments",
+    "solvers", "controllers", "simulation", "experiments",
 )  # fmt: skip
 LIBRARIES = (
     "casadi", "cvxpy", "filterpy", "jax", "matplotlib", "numba", "numpy", "pydantic",

@@ -4,7 +4,6 @@
 
 from .approximation_error import ApproximationError as ApproximationError
 from .boundary_risk import BoundaryRisk as BoundaryRisk
-from .cascade import CascadeStudy as CascadeStudy
 from .closed_loop_risk import ClosedLoopRisk as ClosedLoopRisk
 from .comparison import Comparison as Comparison
 from .conformal_table import ConformalTable as ConformalTable
@@ -28,6 +27,5 @@ from .region_gallery import RegionGallery as RegionGallery
 from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
-from .wheel_calibration import WheelCalibration as WheelCalibration
-__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'ConformalTable', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FieldPrice', 'FirstSight', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
+__all__ = ['ApproximationError', 'BoundaryRisk', 'ClosedLoopRisk', 'Comparison', 'ConformalTable', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FieldPrice', 'FirstSight', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning']
 BUILT_IN: dict[str, str]

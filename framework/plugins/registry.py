@@ -93,11 +93,6 @@ ROOMS: Mapping[str, Room] = Rooms({
             "recommended": f"{_FRAMEWORK}.mpc.planner.recommended:completed",
         },
     ),
-    "state_estimators": Room(
-        "wideberth.perception.state", f"{_FRAMEWORK}.state_estimator:StateEstimator"
-    ),
-    "detectors": Room("wideberth.perception.detection", f"{_FRAMEWORK}.detector:Detector"),
-    "trackers": Room("wideberth.perception.tracking", f"{_FRAMEWORK}.tracker:Tracker"),
     "route_planners": Room("wideberth.routes", f"{_FRAMEWORK}.route_planner:RoutePlanner"),
     "solvers": Room("wideberth.solvers", f"{_FRAMEWORK}.mpc.solver:Solver"),
     "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),

@@ -2,8 +2,8 @@
 
 Each room of plug-ins has one: `check_predictor`, `check_region`, `check_static_region`,
 `check_robot`, `check_level`, `check_cost`, `check_slot_kind`, `check_controller`,
-`check_calibration`, `check_state_estimator`, `check_detector`, `check_tracker`,
-`check_route_planner`, `check_scenario`. It checks the laws that its method `laws` lists by name,
+`check_calibration`, `check_route_planner`, `check_scenario`; those of rooms that an installed
+package declares stand in it. It checks the laws that its method `laws` lists by name,
 as `laws_of` does. The checks are imported on first use, since each needs libraries of its own;
 that of scenarios stands beside them.
 """

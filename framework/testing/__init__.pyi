@@ -5,7 +5,6 @@
 from .calibration import check_calibration as check_calibration
 from .controller import check_controller as check_controller
 from .cost import check_cost as check_cost
-from .detector import check_detector as check_detector
 from .laws import CHECKS as CHECKS
 from .laws import Law as Law
 from .laws import laws_of as laws_of
@@ -16,8 +15,6 @@ from .robot import check_robot as check_robot
 from .route_planner import check_route_planner as check_route_planner
 from .slot_kind import check_slot_kind as check_slot_kind
 from .solver import check_solver as check_solver
-from .state_estimator import check_state_estimator as check_state_estimator
 from .static_region import check_static_region as check_static_region
-from .tracker import check_tracker as check_tracker
 from ...simulation.scenarios.checking import check_scenario as check_scenario
-__all__ = ['CHECKS', 'Law', 'check_calibration', 'check_controller', 'check_cost', 'check_detector', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_state_estimator', 'check_static_region', 'check_tracker', 'laws_of']
+__all__ = ['CHECKS', 'Law', 'check_calibration', 'check_controller', 'check_cost', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_static_region', 'laws_of']

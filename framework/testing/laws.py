@@ -40,10 +40,7 @@ CHECKS = {
     "check_slot_kind": f"{_HERE}.slot_kind",
     "check_route_planner": f"{_HERE}.route_planner",
     "check_controller": f"{_HERE}.controller",
-    "check_state_estimator": f"{_HERE}.state_estimator",
     "check_solver": f"{_HERE}.solver",
-    "check_detector": f"{_HERE}.detector",
-    "check_tracker": f"{_HERE}.tracker",
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }
 """Contract check -> the module that it stands in, which is imported on first use."""

@@ -41,7 +41,7 @@ class World(ABC):
     """Gives robots their bodies, moves what they share, and returns what each one observes.
 
     In `ExchangedPositions` robots send each other their positions, as in the paper's text; in
-    `wideberth.simulation.cascade` they have wheels and sensors in a physics simulator.
+    the package wideberth-perception they have wheels and sensors in a physics simulator.
     """
 
     @abstractmethod

@@ -37,7 +37,7 @@ REST = "further"
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
 ALSO = (
     "wideberth.framework.mpc.diagnosis.solve_record:SolveRecord",
-    "wideberth.framework.state_estimator:StateEstimator",
+    "wideberth_perception.state_estimator:StateEstimator",
     "wideberth.simulation.log.episode_log:Episode",
 )
 """What promised methods return, and an interface that the reference lacks."""

@@ -18,7 +18,7 @@ HEAD = """# Written by `make types` from the table in __init__.py: change that, 
 """
 OTHERS = (
     *("wideberth.framework", "wideberth.framework.testing", "wideberth.draw", "wideberth.metrics"),
-    *("wideberth.perception", "wideberth_ros", "wideberth.simulation", "wideberth.experiments"),
+    *("wideberth_perception", "wideberth_ros", "wideberth.simulation", "wideberth.experiments"),
 )
 CORE = {name: room for name, room in ROOMS.items() if room.module is not None}
 """Rooms of the core: the overloads of `build` and `load` name their plug-ins alone."""

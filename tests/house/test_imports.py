@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FLOORS = (
     ("framework",),
     ("draw", "people", "metrics"),
-    ("predictors", "regions", "robots", "routes", "perception", "solvers", "controllers"),
+    ("predictors", "regions", "robots", "routes", "solvers", "controllers"),
     ("simulation",),
     ("experiments",),
 )
@@ -22,7 +22,7 @@ CORE = {
     for floor, rooms in enumerate(FLOORS)
     for room in rooms
 }
-BESIDE: dict[str, tuple[str, ...]] = {"nav2": (), "ros": ("nav2",)}
+BESIDE: dict[str, tuple[str, ...]] = {"nav2": (), "perception": (), "ros": ("nav2", "perception")}
 """Package beside the core, packages/NAME -> the packages that it may import."""
 PACKAGES = {
     f"wideberth_{name}": {*CORE, *(f"wideberth_{other}" for other in others)}
@@ -104,10 +104,16 @@ ARROWS: dict[str, set[str]] = {
     "solvers": set(),
     "solvers/riccati": {"solvers"},
     "solvers/export": {"solvers", "solvers/riccati"},
-    "perception": set(),
-    "perception/detection": set(),
-    "perception/state": set(),
-    "perception/tracking": set(),
+    "wideberth_perception": set(),
+    "wideberth_perception/detection": {"wideberth_perception"},
+    "wideberth_perception/state": {"wideberth_perception"},
+    "wideberth_perception/tracking": {"wideberth_perception"},
+    "wideberth_perception/testing": {"wideberth_perception"},
+    "wideberth_perception/physics": set(),
+    "wideberth_perception/cascade": {"wideberth_perception", "wideberth_perception/physics"},
+    "wideberth_perception/studies": {
+        "wideberth_perception/cascade", "wideberth_perception/physics",
+    },
     "predictors": {"predictors/calibrations", "predictors/core"},
     "predictors/calibrations": {"predictors/core"},
     "predictors/core": set(),
@@ -117,7 +123,6 @@ ARROWS: dict[str, set[str]] = {
     "wideberth_ros": set(),
     "wideberth_ros/cli": {"wideberth_ros"},
     "simulation/drawing": set(),
-    "simulation/physics": {"simulation/drawing"},
     "simulation/log": {"simulation/drawing"},
     "simulation/sensing": set(),
     "simulation/engine": {"simulation/log", "simulation/sensing"},
@@ -127,7 +132,6 @@ ARROWS: dict[str, set[str]] = {
         "simulation/crowds", "simulation/engine", "simulation/log", "simulation/measures",
         "simulation/sensing",
     },
-    "simulation/cascade": {"simulation/engine", "simulation/log", "simulation/physics"},
     "simulation/gym": {
         "simulation/engine", "simulation/log", "simulation/measures", "simulation/scenarios",
     },

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOP = (
     "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
-    "perception", "solvers", "controllers", "simulation", "experiments",
+    "solvers", "controllers", "simulation", "experiments",
 )  # fmt: skip
 DATA = ("experiments/data",)
 """Folders of files that are not modules."""

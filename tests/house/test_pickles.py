@@ -56,7 +56,7 @@ IMPORTERS = {
     "framework/tracking/trajdata_scene.py": "one library",
     "packages/ros/src/wideberth_ros/link.py": "packages of ROS messages that a user's node names",
     "packages/ros/src/wideberth_ros/interfaces.py": "generators of ROS",
-    "simulation/physics/film.py": "a table of MuJoCo's backends",
+    "packages/perception/src/wideberth_perception/physics/film.py": "a table of MuJoCo's backends",
 }
 """File that imports by a name -> whose name that is. None is of a file that is data."""
 

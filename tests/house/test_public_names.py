@@ -71,7 +71,7 @@ SHOWN = sorted(
     )
     for path in ROOT.glob(pattern)
 )
-IMPORT = re.compile(r"(?:from|import) (wideberth(?:\.\w+)*)(?: import (\([^)]*\)|[^\n`]*))?")
+IMPORT = re.compile(r"(?:from|import) (wideberth\w*(?:\.\w+)*)(?: import (\([^)]*\)|[^\n`]*))?")
 
 
 @pytest.mark.parametrize("path", SHOWN, ids=lambda path: path.relative_to(ROOT).as_posix())

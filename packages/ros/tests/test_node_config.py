@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from wideberth import WideberthError
-from wideberth.perception.detection import OverTime
+from wideberth_perception.detection import OverTime
 from wideberth_ros.cli.ros_node import read_node
 from wideberth_ros.node_settings import NodeSettings
 from wideberth_ros.obstacle_sources import ScanTopic

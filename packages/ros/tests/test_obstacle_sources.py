@@ -14,14 +14,11 @@ import shapely
 
 from wideberth import Path, WideberthError
 from wideberth.controllers import Planner
-from wideberth.framework.detector import Detector
 from wideberth.framework.route_planner import Route
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.sensing import Scan, Sightings
 from wideberth.packages.ros.tests.test_node import EPOCH, ROBOT, Loop, Scripted
-from wideberth.perception.detection.discs import DiscDetector
-from wideberth.perception.detection.over_time import OverTime
 from wideberth.routes import NavFn
 from wideberth.routes.inflation import Inflation
 from wideberth.routes.polygons import convex_polygons
@@ -30,6 +27,9 @@ from wideberth.tests.helpers import hall as the_hall
 from wideberth.tests.helpers.bags import header, obstacles, odometry, quaternion, transform, vector
 from wideberth.tests.helpers.network import Network
 from wideberth.tests.helpers.rays import ranges
+from wideberth_perception.detection.discs import DiscDetector
+from wideberth_perception.detection.over_time import OverTime
+from wideberth_perception.detector import Detector
 from wideberth_ros import path_sources
 from wideberth_ros.cli.ros_node import read_node
 from wideberth_ros.decoding import decode_message

@@ -19,8 +19,8 @@ from wideberth.framework.values.sensing import Scan
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import Run
 from wideberth.simulation.log.episode_log import Episode
-from wideberth.simulation.physics.sensors import Lidar
 from wideberth.tests.oracles.ray_casting import cast
+from wideberth_perception.physics.sensors import Lidar
 from wideberth_ros.cli import ros_world
 from wideberth_ros.cli.ros_world import (
     RemoteController,

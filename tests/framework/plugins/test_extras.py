@@ -73,6 +73,6 @@ def named_extras() -> set[tuple[str, str]]:
 
 def test_the_extra_that_an_error_names_installs_the_library() -> None:
     calls = named_extras()
-    assert ("pyarrow", "parquet") in calls and ("mujoco", "physics") in calls
+    assert ("pyarrow", "parquet") in calls and ("mujoco", "perception") in calls
     for library, extra in calls:
         assert any(one.startswith(library) for one in EXTRAS[extra]), (library, extra)

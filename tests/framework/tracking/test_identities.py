@@ -11,7 +11,7 @@ from wideberth.framework.tracking.identities import DENSITY, MEMORY, Identities,
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.path import Path
 from wideberth.people.models import CircularForce, Company, PersonModel, Reciprocal, Walkers
-from wideberth.perception.tracking.motion import carried, corrected
+from wideberth_perception.tracking.motion import carried, corrected
 
 EXACT = 0.01
 """m, the deviation that is stated for places without noise."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from wideberth.framework.tracking.identities import Identities, _People
-from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.tests.framework.tracking.test_identities import idents
+from wideberth_perception.tracking.motion import carried, corrected
 
 
 @pytest.mark.parametrize("deviation", [0.01, 0.1])

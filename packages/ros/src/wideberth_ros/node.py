@@ -27,7 +27,7 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.polygon import separation
 from wideberth.framework.values.sensing import MotionEstimate, Scan
-from wideberth.perception.observed_state import own_state
+from wideberth_perception.observed_state import own_state
 
 from .command_topic import CommandTopic
 from .decoding import (

@@ -10,17 +10,17 @@ from typing import Any, Literal, Protocol, final
 
 import numpy as np
 
-from wideberth.framework.detector import Detector
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import unknown
-from wideberth.framework.tracker import Tracker
 from wideberth.framework.values.arrays import LATEST, Array, positive
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import PlacedScan, Scan, Sightings, beams_of
-from wideberth.perception.handover import Batch, Handover
-from wideberth.perception.walls import walls_behind
+from wideberth_perception.detector import Detector
+from wideberth_perception.handover import Batch, Handover
+from wideberth_perception.tracker import Tracker
+from wideberth_perception.walls import walls_behind
 
 from .decoding import OBSTACLES, DecodedMessage, ObstacleMessage, ObstaclesMessage, mounted
 from .frames import composed
@@ -82,7 +82,7 @@ class ScanTopic:
     detector : finds bodies in a scan.
     tracker : gives them identities and velocities.
     handover : how the controller is given the tracked obstacles, see
-        `wideberth.perception.handover.Handover`.
+        `wideberth_perception.handover.Handover`.
     deviation : m, standard deviation of a range, which the messages do not state.
     own_clock : as of `ObstacleTopic`.
 
@@ -311,7 +311,7 @@ class ScanSource:
     Parameters
     ----------
     settings : the topic, the detector, the tracker; copies of both are used.
-    own : poses of the robot. gap : m, as of `wideberth.perception.walls.walls_behind`.
+    own : poses of the robot. gap : m, as of `wideberth_perception.walls.walls_behind`.
     walls : whether the controller is given what stands still, as polygons.
     lock : held while ``own`` is read.
     refuse : called with the reason for each message that is of no use.

@@ -20,14 +20,14 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.sensing import Scan
 from wideberth.routes.polygons import grid_of_polygons
-from wideberth.simulation.cascade.cascade import PATIENCE
-from wideberth.simulation.cascade.world import WheeledWorld
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.driver import Driver
 from wideberth.simulation.engine.episode import Run
 from wideberth.simulation.measures.summary import clearances
-from wideberth.simulation.physics.sensors import BodyState, Lidar
 from wideberth_nav2.costmap.rays import ranges_along
+from wideberth_perception.cascade.cascade import PATIENCE
+from wideberth_perception.cascade.world import WheeledWorld
+from wideberth_perception.physics.sensors import BodyState, Lidar
 
 from ..simulated_robot import Restart, SimulatedRobot, simulated_robot
 

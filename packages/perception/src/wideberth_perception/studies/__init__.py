@@ -1,0 +1,1 @@
+"""Studies of robots that see for themselves."""

@@ -1,0 +1,1 @@
+"""The contract checks of detectors, trackers and state estimators."""
