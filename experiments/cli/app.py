@@ -617,7 +617,6 @@ def export(
     force: Annotated[bool, Option("--force", help="Replace an older export.")] = False,
 ) -> None:
     """Write a planner as C: its problem, its solver, or all of it; each with an example."""
-    from ...solvers.export.planner.tables import NAV2
     from ..engine.progress import working
     from .export import export as write
 
@@ -637,7 +636,7 @@ def export(
             corners=corners,
             solver=solver,
             whole=planner,
-            package=NAV2 if name is None else name,
+            package=name,
             force=force,
         )
     what = "compiles the example" if solver or planner else "compiles and checks the example"

@@ -1,7 +1,7 @@
 """From a config to the planner's problem as C, with an instance that the planner itself made."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from ...framework.mpc.slots.base import CAPACITIES, LevelledKind, SlotKind
 from ...framework.mpc.slots.static_polygons import CORNERS
 from ...framework.mpc.solver import Solution, Solver
 from ...framework.plugins.config import describe
+from ...framework.plugins.extensions import function
 from ...framework.plugins.registry import unknown
 from ...framework.robot import start_state
 from ...framework.values.arrays import Array
@@ -26,10 +27,6 @@ from ...framework.values.motion import Detection, Observation
 from ...framework.values.path import Path as Way
 from ...framework.values.polygon import Polygon
 from ...solvers.export.bundle import bundle, check_target, write_folder
-from ...solvers.export.planner.files import bundle as planner_bundle
-from ...solvers.export.planner.kernels import kernels
-from ...solvers.export.planner.supported import refuse
-from ...solvers.export.planner.tables import NAV2, ExportedPlanner
 from ...solvers.export.solver.exported import ExportedSolver as ExportedSolver
 from ...solvers.export.solver.files import bundle as solver_bundle
 from ...solvers.export.subject import Subject
@@ -76,7 +73,7 @@ def export(
     corners: int = CORNERS[0],
     solver: bool = False,
     whole: bool = False,
-    package: str = NAV2,
+    package: str | None = None,
     force: bool = False,
 ) -> str:
     """Write the problem of a config's planner as C and return what it is the problem of.
@@ -90,7 +87,7 @@ def export(
         problems have room for some sizes alone, of which the next is taken.
     solver : whether the solver is written, not the problem's functions alone.
     whole : whether the planner around the solver is written too, with as many slots as it uses.
-    package : name of the ROS 2 package around a whole planner.
+    package : name of the ROS 2 package around a whole planner; None for the usual one.
     force : whether an older export is replaced.
 
     Raises
@@ -114,41 +111,14 @@ def export(
     source = f"{config_path(config).stem}, {name}"
     if whole:
         path = dotted_path(experiment, name)
-        exported = whole_planner(chosen, source, corners, package, path)
-        write_folder(out, planner_bundle(exported), force=force)
+        in_c = function("planner_in_c", "--planner")
+        write_folder(out, in_c(chosen, source, corners, package, path), force=force)
         return source
-    sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
+    sizes = slots_for("obstacles", obstacles), slots_for("polygons", polygons), _room(corners)
     one = subject(chosen, sizes, source)
     files = solver_bundle(solver_of(chosen, one)) if solver else bundle(one)
     write_folder(out, files, force=force)
     return source
-
-
-def whole_planner(
-    planner: Planner,
-    source: str,
-    corners: int = CORNERS[0],
-    package: str = NAV2,
-    path: str = "planner",
-) -> ExportedPlanner:
-    """Gather what is written of a planner with all that is around its solver.
-
-    Parameters
-    ----------
-    planner, source : what is exported, and its title.
-    corners, package : as in `export`.
-    path : dotted path of the planner in its config, for messages.
-
-    Raises
-    ------
-    WideberthError : the planner in C lacks what this one needs, or no package has such a name.
-    """
-    robot = refuse(planner, corners, path)
-    most = _slots("most_obstacles", max(planner.most_obstacles, 1))
-    still = 0 if planner.static_region is None else most
-    one = subject(planner, (most, still, corners), source)
-    further = kernels(robot, one.problem)
-    return ExportedPlanner(planner, replace(solver_of(planner, one), further=further), package)
 
 
 def solver_of(planner: Planner, one: Subject) -> ExportedSolver:
@@ -284,7 +254,7 @@ def _walls(planner: Planner, count: int, corners: int) -> tuple[Polygon, ...]:
     )
 
 
-def _slots(name: str, wanted: int) -> int:
+def slots_for(name: str, wanted: int) -> int:
     """Return the next number of slots that the planner's problems have room for."""
     if not 0 <= wanted <= CAPACITIES[-1]:
         raise WideberthError(f"{name} is {wanted}; wanted 0 to {CAPACITIES[-1]}")

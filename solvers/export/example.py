@@ -1,5 +1,7 @@
 """The C example: every function against the values that Python finds, and how they add up."""
 
+from typing import Any
+
 from .layout import auxiliary_table, c_array
 from .rendering import rendered
 from .routines import Routine
@@ -52,7 +54,7 @@ def _auxiliaries(subject: Subject) -> list[str]:
     return [f"wideberth_nlp_{auxiliary_table(k, one)}" for k, one in enumerate(slots)]
 
 
-def _texts(subject: Subject) -> dict[str, str]:
+def _texts(subject: Subject) -> dict[str, Any]:
     """Pieces of C that list all kinds of slots."""
     names = [f"WIDEBERTH_{one.name.upper()}" for one in subject.problem.slots]
     rows = [f"{name}_INEQUALITIES + {name}_EQUALITIES" for name in names]

@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 TEMPLATES = Path(__file__).with_name("templates")
 
 
-def rendered(name: str, **values: Any) -> str:
-    """Return a template, filled in; a value that it lacks is an error."""
-    return _environment().get_template(name).render(values)
+def rendered(name: str, *, templates: Path = TEMPLATES, **values: Any) -> str:
+    """Return a template of a folder, filled in; a value that it lacks is an error."""
+    return _environment(templates).get_template(name).render(values)
 
 
 @cache
-def _environment() -> "Environment":
+def _environment(templates: Path) -> "Environment":
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     made = Environment(
-        loader=FileSystemLoader(TEMPLATES),
+        loader=FileSystemLoader(templates),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

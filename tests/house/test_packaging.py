@@ -102,7 +102,6 @@ def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path)
     sources += (ROOT / "solvers/riccati/core").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in sources}
     programs = [*(ROOT / "solvers/export").glob("*/c/*")]
-    programs += (ROOT / "solvers/export/planner/nav2").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in programs}
     templates = [*(ROOT / "experiments/report/templates").iterdir()]
     templates += (ROOT / "solvers/export/templates").glob("*/*")

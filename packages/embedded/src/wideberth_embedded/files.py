@@ -1,16 +1,19 @@
 """The files of an exported planner."""
 
 from importlib.resources import files as resources
+from pathlib import Path
 
-from ..bundle import MANIFEST
-from ..header import entries
-from ..readme import wrapped
-from ..rendering import rendered
-from ..solver.files import SOURCES as SOLVER_SOURCES
-from ..solver.files import manifest, solver_files
+from wideberth.solvers.export.bundle import MANIFEST
+from wideberth.solvers.export.header import entries
+from wideberth.solvers.export.readme import wrapped
+from wideberth.solvers.export.rendering import rendered
+from wideberth.solvers.export.solver.files import SOURCES as SOLVER_SOURCES
+from wideberth.solvers.export.solver.files import manifest, solver_files
+
 from .supported import SUPPORTED
 from .tables import NAV2, ExportedPlanner, arrays, constants, numbers, public, starts
 
+TEMPLATES = Path(__file__).with_name("templates")
 SOURCES = (
     *SOLVER_SOURCES, "wideberth_planner.c", "planner_tracks.c", "planner_forecast.c",
     "planner_motion.c", "planner_walls.c", "planner_scene.c", "planner_verify.c",
@@ -64,7 +67,7 @@ def bundle(one: ExportedPlanner) -> dict[str, str]:
             name.replace(NAV2, one.package): _code(name, "nav2").replace(NAV2, one.package)
             for name in PACKAGE
         },
-        "Makefile": rendered("planner/Makefile", sources=SOURCES),
+        "Makefile": rendered("planner/Makefile", templates=TEMPLATES, sources=SOURCES),
     }
     return {**files, MANIFEST: manifest(one.solver, [*files], {})}
 
@@ -78,6 +81,7 @@ def _header(one: ExportedPlanner) -> str:
     sizes, some = public(one)
     return rendered(
         "planner/wideberth_planner.h",
+        templates=TEMPLATES,
         source=one.solver.subject.source.replace("*/", ""),
         sizes=sizes,
         entries=entries(one.solver.subject),
@@ -90,6 +94,7 @@ def _header(one: ExportedPlanner) -> str:
 def _tables(one: ExportedPlanner) -> str:
     return rendered(
         "planner/wideberth_planner_tables.h",
+        templates=TEMPLATES,
         constants=constants(one),
         numbers=numbers(one),
         starts=starts(),
@@ -100,6 +105,7 @@ def _tables(one: ExportedPlanner) -> str:
 def _readme(one: ExportedPlanner) -> str:
     return wrapped(
         "planner/README.md",
+        templates=TEMPLATES,
         source=one.solver.subject.source,
         stack=one.solver.stack,
         iterations=one.solver.settings.iterations,

@@ -8,27 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from ....framework.control.command_limits import FOREVER
-from ....framework.control.end_of_path import LEFT, NEAR, SHARE, SHIFT, STEP, EndLimits
-from ....framework.mpc.levels.base import SharedLevel
-from ....framework.mpc.planner.multistart import DEEP, STUCK
-from ....framework.mpc.planner.rungs import RUNGS, SWITCHING_MARGIN
-from ....framework.mpc.planner.settings import PlannerSettings
-from ....framework.mpc.planner.starts import NAMES, WARM_WITHIN
-from ....framework.mpc.planner.watchdog import SAME
-from ....framework.mpc.slots.reachability import leaves_out
-from ....framework.mpc.slots.static_polygons import CORNERS
-from ....framework.mpc.solver import NO_FORCE
-from ....framework.robot import SpeedLimited
-from ....framework.tracking.history import MOST
-from ....framework.tracking.perception import FORGET
-from ....framework.values.errors import WideberthError
-from ....framework.values.plan import TOLERANCE
-from ...riccati.interior_point import BARRIER_TEST, WARM_DISTANCE
-from ...riccati.solver import PATIENT_ITERATIONS, PATIENT_PER_STEP, PATIENT_SHARE
-from ...riccati.workspace import MOST_PLANS, KindTable
-from ..layout import Define, number
-from ..solver.exported import ExportedSolver
+from wideberth.framework.control.command_limits import FOREVER
+from wideberth.framework.control.end_of_path import LEFT, NEAR, SHARE, SHIFT, STEP, EndLimits
+from wideberth.framework.mpc.levels.base import SharedLevel
+from wideberth.framework.mpc.planner.multistart import DEEP, STUCK
+from wideberth.framework.mpc.planner.rungs import RUNGS, SWITCHING_MARGIN
+from wideberth.framework.mpc.planner.settings import PlannerSettings
+from wideberth.framework.mpc.planner.starts import NAMES, WARM_WITHIN
+from wideberth.framework.mpc.planner.watchdog import SAME
+from wideberth.framework.mpc.slots.reachability import leaves_out
+from wideberth.framework.mpc.slots.static_polygons import CORNERS
+from wideberth.framework.mpc.solver import NO_FORCE
+from wideberth.framework.robot import SpeedLimited
+from wideberth.framework.tracking.history import MOST
+from wideberth.framework.tracking.perception import FORGET
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.plan import TOLERANCE
+from wideberth.solvers.export.layout import Define, number
+from wideberth.solvers.export.solver.exported import ExportedSolver
+from wideberth.solvers.riccati.interior_point import BARRIER_TEST, WARM_DISTANCE
+from wideberth.solvers.riccati.solver import PATIENT_ITERATIONS, PATIENT_PER_STEP, PATIENT_SHARE
+from wideberth.solvers.riccati.workspace import MOST_PLANS, KindTable
 
 WALLS, DETECTIONS, PATH_POINTS, NAME = 256, 500, 4096, 48
 """Most walls and detections of an observation, points of a path, and bytes of an identity."""

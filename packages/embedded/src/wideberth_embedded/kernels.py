@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from ....framework.control.command_limits import FOREVER
-from ....framework.mpc.ocp.problem import Problem
-from ....framework.numerics.symbolic import ca
-from ....framework.robot import SymbolicDrive, step
-from ....framework.values.motion import Pose, Twist
+from wideberth.framework.control.command_limits import FOREVER
+from wideberth.framework.mpc.ocp.problem import Problem
+from wideberth.framework.numerics.symbolic import ca
+from wideberth.framework.robot import SymbolicDrive, step
+from wideberth.framework.values.motion import Pose, Twist
 
 
 def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
-from ....framework.mpc.planner.rungs import RUNGS
-from ....framework.mpc.planner.settings import PlannerSettings
-from ....framework.mpc.slots.static_polygons import CORNERS
-from ....framework.plugins.config import describe
-from ....framework.robot import SymbolicDrive
-from ....framework.values.errors import WideberthError
+from wideberth.framework.mpc.planner.rungs import RUNGS
+from wideberth.framework.mpc.planner.settings import PlannerSettings
+from wideberth.framework.mpc.slots.static_polygons import CORNERS
+from wideberth.framework.plugins.config import describe
+from wideberth.framework.robot import SymbolicDrive
+from wideberth.framework.values.errors import WideberthError
 
 SUPPORTED = {
     "robot": "unicycle without a footprint, or another SymbolicDrive with a heading in the plane",

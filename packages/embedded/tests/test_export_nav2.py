@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.cli.export import whole_planner
 from wideberth.framework.control.command_limits import attained
 from wideberth.framework.control.end_of_path import Approach, Arrival, Spin
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Pose, Twist
 from wideberth.framework.values.path import Path as Way
-from wideberth.solvers.export.planner.files import SOURCES
-from wideberth.tests.helpers.planner_library import (
+from wideberth.packages.embedded.tests.helpers.planner_library import (
     COMPILER,
     REPLAY,
     Library,
@@ -29,6 +27,8 @@ from wideberth.tests.helpers.planner_library import (
     library,
     planner,
 )
+from wideberth_embedded.files import SOURCES
+from wideberth_embedded.whole import whole_planner
 
 CPP = shutil.which("c++")
 pytestmark = pytest.mark.skipif(

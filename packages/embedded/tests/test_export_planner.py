@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.experiments.cli.export import export, whole_planner
+from wideberth.experiments.cli.export import export
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.numerics.geometry import plane_turn
 from wideberth.framework.tracking.history import MOST
@@ -21,10 +21,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path as Way
-from wideberth.predictors.core.propagation import white_acceleration
-from wideberth.solvers.export.planner.files import RUNGS, bundle
-from wideberth.solvers.export.planner.supported import SUPPORTED
-from wideberth.tests.helpers.planner_library import (
+from wideberth.packages.embedded.tests.helpers.planner_library import (
     COMPILER,
     FORECASTS,
     REPLAY,
@@ -39,6 +36,10 @@ from wideberth.tests.helpers.planner_library import (
     library,
     planner,
 )
+from wideberth.predictors.core.propagation import white_acceleration
+from wideberth_embedded.files import RUNGS, bundle
+from wideberth_embedded.supported import SUPPORTED
+from wideberth_embedded.whole import whole_planner
 
 needs_compiler = pytest.mark.skipif(
     COMPILER is None, reason="the planner is compiled and run, and there is no C compiler here"

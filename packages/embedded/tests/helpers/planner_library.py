@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.experiments.cli.export import whole_planner
 from wideberth.framework.control.rate_limited_warnings import quiet
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.numerics.geometry import plane_turn
@@ -26,8 +25,9 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path as Way
 from wideberth.framework.values.polygon import Polygon
 from wideberth.solvers.export.bundle import write_folder
-from wideberth.solvers.export.planner.files import SOURCES, bundle
-from wideberth.solvers.export.planner.tables import NAV2
+from wideberth_embedded.files import SOURCES, bundle
+from wideberth_embedded.tables import NAV2
+from wideberth_embedded.whole import whole_planner
 
 COMPILER = shutil.which("cc")
 STRICT = "-std=c99 -Wall -Wextra -Wpedantic -Werror -ffp-contract=off -fPIC".split()
