@@ -3,7 +3,7 @@ BIN := .venv/bin
 ROOMS := framework draw people metrics predictors regions robots routes solvers controllers \
   simulation experiments
 # Distributions beside the core, each in packages/NAME.
-PACKAGES := embedded nav2 perception ros
+PACKAGES := arenas embedded nav2 perception ros
 EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
 SITE ?= docs/_build/html

@@ -3,14 +3,9 @@
 from ..framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
-    "acp": "wideberth.controllers.acp:AdaptiveConformalPlanner",
     "around_crowds": "wideberth.routes.around_crowds:AroundCrowds",
-    "bilevel_orca": "wideberth.controllers.bilevel_orca:BilevelOrca",
-    "cc": "wideberth.controllers.cc:ConformalController",
     "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocityController",
     "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
-    "ecp": "wideberth.controllers.ecp:EgocentricConformalPlanner",
-    "fcp": "wideberth.controllers.fcp:FunctionalConformalPlanner",
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
     "mpc": "wideberth.framework.mpc.planner.planner:Planner",
     "orca": "wideberth.controllers.orca:Orca",

@@ -2,13 +2,8 @@
 # ruff: noqa
 # fmt: off
 
-from .acp import AdaptiveConformalPlanner as AdaptiveConformalPlanner
-from .bilevel_orca import BilevelOrca as BilevelOrca
-from .cc import ConformalController as ConformalController
 from .constant_velocity import ConstantVelocityController as ConstantVelocityController
 from .dynamic_window import DynamicWindow as DynamicWindow
-from .ecp import EgocentricConformalPlanner as EgocentricConformalPlanner
-from .fcp import FunctionalConformalPlanner as FunctionalConformalPlanner
 from .moussaid_force import MoussaidForce as MoussaidForce
 from .orca import Orca as Orca
 from .policy import Policy as Policy
@@ -17,5 +12,5 @@ from .social_force import SocialForceController as SocialForceController
 from .withdrawing import Withdrawing as Withdrawing
 from ..framework.mpc.planner.planner import Planner as Planner
 from ..routes.around_crowds import AroundCrowds as AroundCrowds
-__all__ = ['AdaptiveConformalPlanner', 'AroundCrowds', 'BilevelOrca', 'ConformalController', 'ConstantVelocityController', 'DynamicWindow', 'EgocentricConformalPlanner', 'FunctionalConformalPlanner', 'MoussaidForce', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
+__all__ = ['AroundCrowds', 'ConstantVelocityController', 'DynamicWindow', 'MoussaidForce', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
 BUILT_IN: dict[str, str]

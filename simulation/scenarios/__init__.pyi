@@ -9,12 +9,8 @@ from .corridor import Corridor as Corridor
 from .crossing import Crossing as Crossing
 from .crossing_3d import Crossing3D as Crossing3D
 from .crossing_field import CrossingField as CrossingField
-from .crowdnav import CrowdNav as CrowdNav
-from .crowdnav_plus import CrowdNavPlus as CrowdNavPlus
-from .crowdsimplus import CrowdSimPlus as CrowdSimPlus
 from .cylinder_field import CylinderField as CylinderField
 from .doorway import Doorway as Doorway
-from .dynabarn import DynaBarn as DynaBarn
 from .furnished import Furnished as Furnished
 from .hallway import Hallway as Hallway
 from .model_crowd import ModelCrowd as ModelCrowd
@@ -23,5 +19,5 @@ from .pedestrian_corridor import PedestrianCorridor as PedestrianCorridor
 from .random_crowd import RandomCrowd as RandomCrowd
 from .recorded_scene import RecordedScene as RecordedScene
 from .sudden_change import SuddenChange as SuddenChange
-__all__ = ['AntipodalSwap', 'BlindCorner', 'ChickenGame', 'Corridor', 'Crossing', 'Crossing3D', 'CrossingField', 'CrowdNav', 'CrowdNavPlus', 'CrowdSimPlus', 'CylinderField', 'Doorway', 'DynaBarn', 'Furnished', 'Hallway', 'ModelCrowd', 'Overtaking', 'PedestrianCorridor', 'RandomCrowd', 'RecordedScene', 'SuddenChange']
+__all__ = ['AntipodalSwap', 'BlindCorner', 'ChickenGame', 'Corridor', 'Crossing', 'Crossing3D', 'CrossingField', 'CylinderField', 'Doorway', 'Furnished', 'Hallway', 'ModelCrowd', 'Overtaking', 'PedestrianCorridor', 'RandomCrowd', 'RecordedScene', 'SuddenChange']
 BUILT_IN: dict[str, str]

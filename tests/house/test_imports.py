@@ -23,7 +23,7 @@ CORE = {
     for room in rooms
 }
 BESIDE: dict[str, tuple[str, ...]] = {
-    "embedded": (), "nav2": (), "perception": (), "ros": ("nav2", "perception"),
+    "arenas": (), "embedded": (), "nav2": (), "perception": (), "ros": ("nav2", "perception"),
 }  # fmt: skip
 """Package beside the core, packages/NAME -> the packages that it may import."""
 PACKAGES = {
@@ -91,6 +91,11 @@ ARROWS: dict[str, set[str]] = {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
     },
+    "wideberth_arenas": set(),
+    "wideberth_arenas/controllers": set(),
+    "wideberth_arenas/crowds": set(),
+    "wideberth_arenas/scenarios": {"wideberth_arenas/crowds"},
+    "wideberth_arenas/studies": {"wideberth_arenas/controllers"},
     "wideberth_embedded": set(),
     "wideberth_nav2": set(),
     "wideberth_nav2/costmap": {"wideberth_nav2"},

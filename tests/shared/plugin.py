@@ -13,8 +13,9 @@ import pytest
 
 TESTS = Path(__file__).resolve().parents[1]
 GOLDEN = TESTS / "golden_regions.json"
-DENSE = TESTS / "data" / "dense"
-OTHERS = TESTS / "data" / "others"
+ARENAS = TESTS.parent / "packages" / "arenas" / "tests" / "data"
+DENSE = ARENAS / "dense"
+OTHERS = ARENAS / "others"
 LARGE, GROWN, PAGE = 600e6, 100e6, 4096
 """Bytes: of a test process that drops what it has compiled, by which it grows until it does so
 again, and of a page of memory."""
@@ -30,7 +31,6 @@ LONG = (
     "experiments/test_cascade_study.py",
     "metrics/test_region_risk_3d.py",
     "regions/test_regions_contract.py",
-    "controllers/test_bilevel_orca.py",
     "framework/plugins/test_saved_fitted.py",
     "solvers/test_riccati_property.py",
     "experiments/test_runner_killed.py",
@@ -54,13 +54,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--dense",
         metavar="FOLDER",
         default=str(DENSE),
-        help="golden cases of the dense benchmarks (default: the copy in tests/data/dense)",
+        help="golden cases of the dense benchmarks (default: the copy in packages/arenas)",
     )
     parser.addoption(
         "--others",
         metavar="FOLDER",
         default=str(OTHERS),
-        help="published logs of other arenas (default: the copy in tests/data/others)",
+        help="published logs of other arenas (default: the copy in packages/arenas)",
     )
     parser.addoption(
         "--golden-nav2",

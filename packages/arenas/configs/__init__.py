@@ -1,0 +1,1 @@
+"""Configs that `wideberth run NAME` finds by their names."""

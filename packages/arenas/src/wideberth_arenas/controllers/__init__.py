@@ -1,0 +1,1 @@
+"""Rivals of published benchmarks, one file each."""
