@@ -214,7 +214,7 @@ def test_a_world_without_a_finite_solution_says_so(
 def test_without_mujoco_a_world_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     mujoco.cache_clear()
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(WideberthError, match=r"MuJoCo, .* pip install 'wideberth\[physics\]'"):
+    with pytest.raises(WideberthError, match=r"MuJoCo, .* pip install 'wideberth\[perception\]'"):
         world(PhysicalRobot("a"))
 
 
