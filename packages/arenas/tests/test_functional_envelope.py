@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.random import RandomState
 
-from wideberth.controllers.gaussian_mixture import GaussianMixture
 from wideberth.framework.values.coverage import Event
 from wideberth.framework.values.errors import WideberthError
 from wideberth_arenas.controllers.functional_envelope import (
@@ -15,6 +14,7 @@ from wideberth_arenas.controllers.functional_envelope import (
     distance_field,
     residual_fields,
 )
+from wideberth_arenas.controllers.gaussian_mixture import GaussianMixture
 
 GRID = FieldGrid((1.0, -2.0), 8.0, 9)
 TAIL = 0.1

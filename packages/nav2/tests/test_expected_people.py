@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.overlap_tables import ellipses_of
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.packages.nav2.tests import ticks
@@ -16,6 +15,7 @@ from wideberth_nav2.controllers.local_controllers import shipped_parameters
 from wideberth_nav2.controllers.mppi import MPPI
 from wideberth_nav2.controllers.mppi_rollouts import ControlLimits, MppiTick, Rollouts, driven
 from wideberth_nav2.costmap.footprint import RobotFootprint
+from wideberth_nav2.overlap_tables import ellipses_of
 
 DT, STEPS, BATCH = 0.05, 56, 30
 BODY = RobotFootprint.round_of(0.22)

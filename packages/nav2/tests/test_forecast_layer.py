@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.risk.forecast_cells import ForecastCells
 from wideberth.framework.values.costmap import LETHAL, Costmap
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
@@ -17,6 +16,7 @@ from wideberth.routes import NavFn
 from wideberth_nav2.costmap.footprint import RobotFootprint
 from wideberth_nav2.costmap.forecast_layer import ForecastLayer
 from wideberth_nav2.costmap.local_costmap import CostmapSurroundings, CostmapView, LayeredCostmap
+from wideberth_nav2.forecast_cells import ForecastCells
 from wideberth_nav2.server.navigator import Nav2
 
 LAYER = ForecastLayer(Kalman(acceleration_density=1e-3), ForecastCells(2.0, 0.1))

@@ -6,7 +6,6 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from wideberth.experiments.drawing.looks import CostmapLook, looks_from_bytes, looks_to_bytes
 from wideberth.experiments.engine.base import Task
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
@@ -25,6 +24,7 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.sensing.channel import Channel
 from wideberth_nav2.costmap.local_costmap import CostmapView
 from wideberth_nav2.server.navigator import Nav2
+from wideberth_nav2.studies.looks import CostmapLook, looks_from_bytes, looks_to_bytes
 from wideberth_nav2.studies.nav2_rivals import (
     LimitSet,
     Nav2Rivals,

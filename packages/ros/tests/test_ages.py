@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.control.room_to_stop import RoomToStop
 from wideberth.packages.ros.tests.test_forecast_node import Loop as ForecastLoop
 from wideberth.packages.ros.tests.test_node import EPOCH, STEP, Loop, Scripted
 from wideberth.tests.helpers.bags import header, obstacles, odometry, transform
@@ -13,6 +12,7 @@ from wideberth_ros.decoding import decode_message
 from wideberth_ros.messages import messages
 from wideberth_ros.obstacle_sources import ObstacleTopic, ScanTopic
 from wideberth_ros.own_motion import AHEAD, OLDEST, OwnMotion
+from wideberth_ros.room_to_stop import RoomToStop
 
 pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
 

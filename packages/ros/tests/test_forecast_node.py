@@ -8,7 +8,6 @@ import pytest
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.risk.forecast_cells import ForecastCells
 from wideberth.framework.tracking.forecaster import KEPT
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
@@ -17,6 +16,7 @@ from wideberth.framework.values.sensing import Scan
 from wideberth.predictors import BUILT_IN, Kalman
 from wideberth.tests.helpers.bags import obstacles, odometry, transform
 from wideberth.tests.helpers.network import Network
+from wideberth_nav2.forecast_cells import ForecastCells
 from wideberth_ros.cli.ros_forecast import read_forecast
 from wideberth_ros.decoding import ObstaclesMessage, decode_message
 from wideberth_ros.encoding import MessageEncoder

@@ -21,11 +21,11 @@ from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import Run, run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
-from wideberth.simulation.measures.perception import perception_row
 from wideberth.simulation.measures.summary import summarise
 from wideberth.simulation.scenarios.crossing import Crossing
 from wideberth_perception.cascade.cascade import SensingPipeline
 from wideberth_perception.cascade.faults import Faults
+from wideberth_perception.cascade.measures import perception_row
 from wideberth_perception.cascade.world import WheeledWorld
 from wideberth_perception.detection.discs import DiscDetector
 from wideberth_perception.physics.body import SkidSteerBody

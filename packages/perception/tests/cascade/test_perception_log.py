@@ -17,7 +17,7 @@ from wideberth.simulation.log.perception_log import (
     TrueStage,
     named,
 )
-from wideberth.simulation.measures.perception import perception_row
+from wideberth_perception.cascade.measures import perception_row
 
 RNG = np.random.default_rng(0)
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from wideberth.draw.plans import kept_out
 from wideberth.draw.style import chosen_steps
 from wideberth.framework.numerics.chi_square import content_bound
-from wideberth.framework.risk.overlap_tables import ellipses_of
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import LIGHT, Forecast
@@ -21,6 +20,7 @@ from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import Scan
+from wideberth_nav2.overlap_tables import ellipses_of
 
 from .frames import quaternion_of
 from .messages import messages

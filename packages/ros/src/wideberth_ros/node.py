@@ -13,7 +13,6 @@ import numpy as np
 
 from wideberth.framework.control.command_limits import attained, turns_on_the_spot, within_reach
 from wideberth.framework.control.end_of_path import Approach, Arrival, Spin
-from wideberth.framework.control.room_to_stop import RoomToStop
 from wideberth.framework.controller import Controller, avoids_polygons
 from wideberth.framework.mpc.planner.in_time import VelocityInTime
 from wideberth.framework.mpc.planner.standing import BLOCKED
@@ -60,6 +59,7 @@ from .path_sources import (
     RouteResult,
     SpinGoal,
 )
+from .room_to_stop import RoomToStop
 
 MOST_BEAMS, MOST_CELLS = 50_000, 25_000_000
 """Of a scan and of a map that are looked at; larger ones are refused."""

@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.random import RandomState
 
-from wideberth.controllers.gaussian_mixture import GaussianMixture, fitted_mixture
 from wideberth.framework.calibration import ROUNDING, IntArray, fewest_ranks, rank_quantile
 from wideberth.framework.values.arrays import (
     Array,
@@ -20,6 +19,8 @@ from wideberth.framework.values.arrays import (
 )
 from wideberth.framework.values.coverage import Coverage, Event
 from wideberth.framework.values.errors import WideberthError
+
+from .gaussian_mixture import GaussianMixture, fitted_mixture
 
 OUTSIDE = 1.0
 """m, of the envelope outside of its grid, as published; nothing is promised there."""

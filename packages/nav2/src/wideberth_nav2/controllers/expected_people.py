@@ -8,15 +8,15 @@ from typing import Any, final
 import numpy as np
 
 from wideberth.framework.plugins.njit import cached_njit
-from wideberth.framework.risk.overlap_tables import (
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.forecast import LIGHT
+
+from ..overlap_tables import (
     bilinear,
     ellipses_of,
     overlap_tables,
     scales_of,
 )
-from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.forecast import LIGHT
-
 from ..parameters import Count, NonNegative, Positive
 from .mppi_critics import MppiCritic
 from .mppi_rollouts import MppiTick, Rollouts, Single

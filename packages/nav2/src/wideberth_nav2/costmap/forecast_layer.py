@@ -4,11 +4,12 @@ from dataclasses import dataclass, field
 from typing import final
 
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.risk.forecast_cells import ForecastCells
 from wideberth.framework.tracking.forecaster import Forecaster
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.forecast import Forecast
+
+from ..forecast_cells import ForecastCells
 
 
 @final

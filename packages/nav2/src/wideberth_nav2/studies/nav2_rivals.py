@@ -9,7 +9,6 @@ import numpy as np
 
 from wideberth.controllers.steering import top_speed
 from wideberth.controllers.withdrawing import Withdrawing
-from wideberth.experiments.drawing.looks import draw_looks, looks_from_bytes, looks_to_bytes
 from wideberth.experiments.engine.closed_loop import (
     EPISODE_CAPTIONS,
     about_first_contact,
@@ -52,6 +51,7 @@ from wideberth.simulation.scenarios.base import Scenario
 from ..controllers.local_controllers import shipped_parameters
 from ..costmap.local_costmap import CostmapView
 from ..server.navigator import Nav2
+from .looks import draw_looks, looks_from_bytes, looks_to_bytes
 from .same_view import SameView, Watched
 
 AXES = {"scenario": "places", "limits": "limits", "view": "views", "controller": "controllers"}

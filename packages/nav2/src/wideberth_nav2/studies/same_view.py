@@ -7,7 +7,6 @@ from typing import final
 
 import numpy as np
 
-from wideberth.experiments.drawing.looks import CostmapLook
 from wideberth.experiments.studies.stopwatch import WatchedController
 from wideberth.framework import (
     Command,
@@ -29,6 +28,7 @@ from wideberth.simulation.engine.world import Around, World
 from ..costmap.local_costmap import CostmapView, discs_of
 from ..costmap.rays import Rays
 from ..server.navigator import Nav2
+from .looks import CostmapLook
 
 _TRACK_DT, _TRACK_SAMPLES, _FORGET = 0.1, 40, 1.0
 """s between samples of a track; their number; s after which an unseen person is forgotten."""

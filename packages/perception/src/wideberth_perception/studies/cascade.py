@@ -57,10 +57,10 @@ from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import Run
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import AgentLog, Episode
-from wideberth.simulation.measures.perception import perception_row
 from wideberth.simulation.scenarios.base import Placement, Scenario
 
 from ..cascade.cascade import SensingPipeline
+from ..cascade.measures import perception_row
 from ..cascade.world import WheeledWorld
 
 AXES = {
@@ -148,7 +148,7 @@ class CascadeStudy(SeededStudy):
     the slowest robot; who never arrives counts with the time limit. ``..._change`` are means over
     seeds of the difference to the case before (``stepwise``) or to the first one, with bootstrap
     intervals of 95 %. Steps of one chain add up to the difference of its ends. What each robot
-    perceived is measured by `wideberth.simulation.measures.perception.perception_row`.
+    perceived is measured by `wideberth_perception.cascade.measures.perception_row`.
 
     Parameters
     ----------

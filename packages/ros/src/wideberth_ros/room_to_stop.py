@@ -5,11 +5,11 @@ from typing import final
 
 import numpy as np
 
-from ..robot import Robot
-from ..values.arrays import FARTHEST, Array, positive
-from ..values.footprint import Discs, Outline
-from ..values.motion import Pose, Twist
-from .command_limits import FAST, attained, deceleration
+from wideberth.framework.control.command_limits import FAST, attained, deceleration
+from wideberth.framework.robot import Robot
+from wideberth.framework.values.arrays import FARTHEST, Array, positive
+from wideberth.framework.values.footprint import Discs, Outline
+from wideberth.framework.values.motion import Pose, Twist
 
 STEPS = 24
 """Instants at which a motion is looked at, until the robot would stand."""

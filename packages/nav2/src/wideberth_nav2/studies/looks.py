@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...framework.plugins.io import read_arrays
-from ...framework.values.arrays import Array
-from ...framework.values.costmap import LETHAL, NO_INFORMATION, Costmap
-from ...simulation.drawing import artists
-from ...simulation.log.episode_log import Episode
-from .plotting import COLOURS, PAGE, subplots
+from wideberth.experiments.drawing.plotting import COLOURS, PAGE, subplots
+from wideberth.framework.plugins.io import read_arrays
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.costmap import LETHAL, NO_INFORMATION, Costmap
+from wideberth.simulation.drawing import artists
+from wideberth.simulation.log.episode_log import Episode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

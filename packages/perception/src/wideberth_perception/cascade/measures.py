@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.numerics.chi_square import content_bound
-from ...framework.values.arrays import Array
-from ...framework.values.errors import WideberthError
-from ...metrics.statistics import known_mean
-from ...metrics.tracking import nees
-from ..log.episode_log import Episode
-from ..log.frames import RigidMotion
-from ..log.perception_log import Glance, named
+from wideberth.framework.numerics.chi_square import content_bound
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.errors import WideberthError
+from wideberth.metrics.statistics import known_mean
+from wideberth.metrics.tracking import nees
+from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.log.frames import RigidMotion
+from wideberth.simulation.log.perception_log import Glance, named
 
 
 def perception_row(episode: Episode, since: float = 0.0) -> dict[str, Any]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import RandomState
 
-from ..framework.tracking.windows import IntArray
-from ..framework.values.arrays import Array
+from wideberth.framework.tracking.windows import IntArray
+from wideberth.framework.values.arrays import Array
 
 MOST_ROUNDS = 300, 100
 """Of the clusters, and of expectation and maximisation."""

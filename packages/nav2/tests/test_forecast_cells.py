@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.forecast_cells import ForecastCells
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, GaussianObstacle
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth_nav2.forecast_cells import ForecastCells
 
 FLOOR = OccupancyGrid(np.zeros((60, 80)), 0.1, (-4.0, -3.0))
 CENTRES = FLOOR.map_to_world(np.stack(np.meshgrid(np.arange(80), np.arange(60)), axis=-1))

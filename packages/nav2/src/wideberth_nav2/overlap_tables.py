@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..values.arrays import Array
+from wideberth.framework.values.arrays import Array
 
 NODES, PLACES = 32, 24
 """Nodes of the integrals, and places per axis of a table."""

@@ -5,7 +5,7 @@ import pytest
 from numpy.random import RandomState
 from scipy.stats import multivariate_normal
 
-from wideberth.controllers.gaussian_mixture import SPREAD, clustered, fitted_mixture
+from wideberth_arenas.controllers.gaussian_mixture import SPREAD, clustered, fitted_mixture
 
 
 def drawn(seed, count=400):

@@ -8,19 +8,19 @@ import pytest
 
 from wideberth import WideberthError
 from wideberth.framework.control.command_limits import attained
-from wideberth.framework.control.room_to_stop import (
-    CLOSING,
-    DISTANCE,
-    REACTION,
-    STEPS,
-    RoomToStop,
-)
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.footprint import Discs, Outline
 from wideberth.framework.values.motion import Pose, Twist
 from wideberth.robots import Bicycle, Unicycle
 from wideberth.tests.helpers.hall import BEAMS, LONGEST, WIDE, walls
 from wideberth.tests.helpers.rays import ranges
+from wideberth_ros.room_to_stop import (
+    CLOSING,
+    DISTANCE,
+    REACTION,
+    STEPS,
+    RoomToStop,
+)
 
 ROBOT = Unicycle(radius=0.3, max_yaw_rate=1.0, max_yaw_acceleration=1.0)
 CORNERS = ((0.45, 0.2), (-0.45, 0.2), (-0.45, -0.2), (0.45, -0.2))

@@ -8,11 +8,12 @@ from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 
-from ..numerics.chi_square import content_bound
-from ..plugins.njit import cached_njit
-from ..values.arrays import Array, checked_choice, positive, probability
-from ..values.forecast import LIGHT, Forecast
-from ..values.occupancy_grid import OCCUPIED_CELL, CellGrid, OccupancyGrid
+from wideberth.framework.numerics.chi_square import content_bound
+from wideberth.framework.plugins.njit import cached_njit
+from wideberth.framework.values.arrays import Array, checked_choice, positive, probability
+from wideberth.framework.values.forecast import LIGHT, Forecast
+from wideberth.framework.values.occupancy_grid import OCCUPIED_CELL, CellGrid, OccupancyGrid
+
 from .overlap_tables import PLACES, bilinear, ellipses_of, overlap_tables, scales_of
 
 Shown: TypeAlias = Literal["region", "probability"]
