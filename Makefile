@@ -14,9 +14,9 @@ unexport PYTHONDONTWRITEBYTECODE
 
 TESTS := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
-# Extras of work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
-EXTRAS := all bench cluster docs lint test
-ROS_EXTRAS := sim
+# What is installed for work on the package. The wheels of ROS 2 stay out of .venv: they start each Python anew.
+EXTRAS := all cluster
+GROUPS := bench docs lint test
 # Packages that the tests of ROS 2 need in its environments.
 ROS_PACKAGES := nav2 perception ros
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
@@ -127,10 +127,10 @@ graph: .venv/ready      ## draw which groups of modules import which
 	$(BIN)/python docs/draw_import_graph.py
 
 lock: .venv/ready       ## write the locks anew: versions and hashes, no address
-	$(LOCK) $(EXTRAS:%=--extra %) -o requirements.lock
+	$(LOCK) $(EXTRAS:%=--extra %) $(GROUPS:%=--group %) -o requirements.lock
 	for distribution in kilted jazzy; do \
-	  $(LOCK) packages/ros/pyproject.toml -c requirements.lock $(ROS_EXTRAS:%=--extra %) \
-	    --extra $$distribution -o packages/ros/tests/$$distribution.lock; done
+	  $(LOCK) packages/ros/pyproject.toml -c requirements.lock --extra $$distribution \
+	    -o packages/ros/tests/$$distribution.lock; done
 
 # Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
 # .venv/link there; imports go on to find the clone itself, which pip's finder names.

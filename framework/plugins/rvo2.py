@@ -16,4 +16,4 @@ def rvo2(user: str) -> Any:
     ------
     WideberthError : it is not installed.
     """
-    return from_extra("pyrvo", "sim", f"{user} needs the library pyrvo")
+    return from_extra("pyrvo", "arenas", f"{user} needs the library pyrvo")

@@ -99,7 +99,7 @@ def installation(*extras: str) -> str:
 
     Examples
     --------
-    >>> installation("physics", "sim")
-    "pip install 'wideberth[physics,sim]'"
+    >>> installation("perception", "ros")
+    "pip install 'wideberth[perception,ros]'"
     """
     return f"pip install 'wideberth[{','.join(extras)}]'"

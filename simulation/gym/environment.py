@@ -1,7 +1,7 @@
 """A Gymnasium environment around the simulation, for policies that are learnt.
 
-Needs the extra ``gym``. The package registers the environment, and Gymnasium imports it if the
-name says so; it has no entry points for this::
+Needs the extra ``learning``. The package registers the environment, and Gymnasium imports it if
+the name says so; it has no entry points for this::
 
     import gymnasium
     environment = gymnasium.make("wideberth.simulation.gym:wideberth/Navigation-v0")
@@ -91,7 +91,7 @@ try:
     import gymnasium
     from gymnasium.spaces import Box, Dict
 except ImportError as _error:
-    raise missing("gym", "the environment needs Gymnasium", _error) from _error
+    raise missing("learning", "the environment needs Gymnasium", _error) from _error
 
 Config: TypeAlias = str | Mapping[str, Any]
 """Name of a plug-in, or a mapping with ``type`` and its settings."""

@@ -127,7 +127,7 @@ def test_keeps_the_laws_of_a_controller(robot):
 
 def test_says_what_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyrvo", None)
-    with pytest.raises(WideberthError, match=r"pip install 'wideberth\[sim\]'"):
+    with pytest.raises(WideberthError, match=r"pip install 'wideberth\[arenas\]'"):
         Orca(BODY)
     with pytest.raises(WideberthError, match="most_neighbours"):
         Orca(BODY, most_neighbours=0)

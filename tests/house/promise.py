@@ -20,12 +20,12 @@ from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine import column_descriptions, result_folder
 from wideberth.experiments.engine.shipped_configs import shipped
 from wideberth.framework.mpc.diagnosis import solve_record
-from wideberth.framework.plugins import config, registry
+from wideberth.framework.plugins import config, lazy, registry
 from wideberth.framework.tracking import forecast_sets
 from wideberth.simulation.log import episode_log
 from wideberth.tests.house.options import held, names, others, plugins
 from wideberth.tests.house.stubs import FACES
-from wideberth.tests.house.test_imports import ROOT
+from wideberth.tests.house.test_imports import PACKAGES, ROOT, files_of, parsed
 from wideberth.tests.house.test_pages import PAGES, blocks
 
 PLACE = ROOT / "docs" / "promise.yaml"
@@ -67,7 +67,37 @@ def promised() -> dict[str, Any]:
             solve_record.KIND: solve_record.VERSION,
         },
         "extras": sorted(project["optional-dependencies"]),
+        "extensions": for_extensions(),
     }
+
+
+def for_extensions() -> dict[str, list[str]]:
+    """Return module -> names that packages beside the core import and that it does not offer."""
+    offered = {target for face in FACES for target in _targets(face).values()}
+    found: dict[str, set[str]] = {}
+    for module, name in core_imports():
+        if _targets(module).get(name, f"{module}:{name}") not in offered:
+            found.setdefault(module, set()).add(name)
+    return {module: sorted(found[module]) for module in sorted(found)}
+
+
+def core_imports() -> set[tuple[str, str]]:
+    """Return module and name of every import of the core by a package beside it."""
+    return {
+        (node.module, alias.name)
+        for room in PACKAGES
+        for path in files_of(room)
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.ImportFrom) and not node.level and node.module
+        if node.module.partition(".")[0] == "wideberth"
+        for alias in node.names
+    }
+
+
+def _targets(module: str) -> dict[str, str]:
+    """Return name -> "module:Name" of a package that offers names."""
+    import_module(module)
+    return lazy.PACKAGES.get(module, {})
 
 
 def _names(found: list[Group]) -> dict[str, Any]:

@@ -128,8 +128,8 @@ def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:
     ("words", "extra"),
     [
         (("run", "convex_certificates"), "certificates"),
-        (("run", "crowd_agility"), "sim"),
-        (("check", "controller", "orca", "--set", "robot=unicycle"), "sim"),
+        (("run", "crowd_agility"), "arenas"),
+        (("check", "controller", "orca", "--set", "robot=unicycle"), "arenas"),
         (("run", "cascade_chicken_game"), "perception"),
         (("run", "warehouse"), "perception"),
         (("run", "prediction_benchmark", "--set", "chosen=[mixture_density]"), "learning"),

@@ -144,11 +144,13 @@ def test_public_names_are_there() -> None:
 def test_locks_name_every_dependency_and_no_address() -> None:
     places = [ROOT, *(ROOT / "packages").iterdir()]
     files = [place / "pyproject.toml" for place in places]
-    projects = [tomllib.loads(file.read_text(encoding="utf-8"))["project"] for file in files]
+    tables = [tomllib.loads(file.read_text(encoding="utf-8")) for file in files]
     every, ros = ROOT / "requirements.lock", ROOT / "packages" / "ros" / "tests"
     named: dict[Path, list[str]] = {}
-    for project in projects:
+    for table in tables:
+        project = table["project"]
         groups = {"": project["dependencies"], **project.get("optional-dependencies", {})}
+        groups |= table.get("dependency-groups", {})
         for extra, names in groups.items():
             own = {one: ros / f"{one}.lock" for one in ("kilted", "jazzy")}
             named.setdefault(own.get(extra, every), []).extend(names)

@@ -13,7 +13,7 @@ from wideberth_perception.studies.wheel_calibration import WheelCalibration
 
 
 def test_a_soft_servo_and_light_wheels_turn_at_a_fraction(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     experiment, _ = read_experiment("wheel_calibration", [])
     assert isinstance(experiment, WheelCalibration)
     assert experiment.bodies["small"] == SkidSteerBody() and experiment.bodies["large"] == LARGE

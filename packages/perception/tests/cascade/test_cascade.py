@@ -34,7 +34,7 @@ from wideberth_perception.state.ekf import Ekf
 from wideberth_perception.state.scan_matching import ScanMatching
 from wideberth_perception.tracking.nearest import Nearest
 
-pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
 IDEAL = SensingPipeline(mechanics="kinematic", noise=0.0)
 SHORT = Settings(history=0.0, time_limit=6.0)
 

@@ -30,7 +30,7 @@ from wideberth_perception.detection.discs import DiscDetector
 from wideberth_perception.state.ekf import Ekf
 from wideberth_perception.tracking.nearest import Nearest
 
-pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
 
 
 class Ahead(Controller):

@@ -23,7 +23,7 @@ from wideberth.solvers.fatrop import Fatrop
 from wideberth_perception.detection.discs import DiscDetector
 from wideberth_perception.state_estimator import StateEstimator
 
-pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
 from wideberth_perception.cascade.cascade import SensingPipeline
 from wideberth_perception.cascade.senses import Senses
 

@@ -17,7 +17,7 @@ from wideberth_perception.physics import film as module
 from wideberth_perception.physics.body import HULL_TOP
 from wideberth_perception.physics.film import film
 
-pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
 SIZE = (96, 60)
 
 

@@ -59,7 +59,7 @@ def scene(*sensors: Sensor, body: SkidSteerBody = LARGE) -> PhysicalScene:
 
 
 def world(*sensors: Sensor, **kind: object) -> PhysicsWorld:
-    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     return PhysicsWorld(scene(*sensors, **kind), np.random.default_rng(1))  # type: ignore[arg-type]
 
 
@@ -107,7 +107,7 @@ def test_ranges_are_those_of_plane_geometry(mount: tuple[float, float, float]) -
 
 
 def test_ranges_equal_single_rays_and_never_meet_the_robot_itself() -> None:
-    library = pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    library = pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     one = world(EXACT, body=SkidSteerBody())
     one.command("a", Twist((0.4, 0.0), 0.3))
     one.advance(2.0)
@@ -136,7 +136,7 @@ def test_ranges_equal_single_rays_and_never_meet_the_robot_itself() -> None:
 
 
 def test_alone_a_robot_sees_nothing() -> None:
-    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     low = Lidar("low", height=0.05, lost=0.0)
     scene = PhysicalScene((PhysicalRobot("a", sensors=(EXACT, low)),))
     one = PhysicsWorld(scene, np.random.default_rng(0))

@@ -83,7 +83,7 @@ def test_many_robots_are_each_of_them_alone() -> None:
 
 @pytest.mark.parametrize("body", [SMALL, LARGE], ids=["small", "large"])
 def test_the_tables_are_those_of_the_physics(body: SkidSteerBody) -> None:
-    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     model, again = slip_of(body), fitted(body, measured(body))
     assert np.array_equal(again.rates, model.rates)
     assert np.abs(again.gains - model.gains).max() < 0.01
@@ -98,7 +98,7 @@ def test_unseen_drives_end_where_they_end_in_the_physics(
     body: SkidSteerBody, *, looped: bool
 ) -> None:
     """20 s with a new speed and yaw rate every 4 s: within 5 % of the way and 0.1 rad."""
-    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     quiet = InertialUnit(rate_deviation=0.0, rate_bias=0.0, rate_walk=0.0)
     model, off = slip_of(body), []
     for seed in range(4):
@@ -129,7 +129,7 @@ def test_unseen_drives_end_where_they_end_in_the_physics(
 
 @pytest.mark.parametrize("looped", [False, True], ids=["open", "yaw-rate loop"])
 def test_a_world_of_the_model_moves_and_senses_as_it(*, looped: bool) -> None:
-    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     quiet = InertialUnit(rate=250.0, rate_deviation=0.0, rate_bias=0.0, rate_walk=0.0)
     sensors = (WheelEncoders(rate=250.0), *((quiet,) if looped else ()))
     start = np.array([1.0, 2.0, 0.7])

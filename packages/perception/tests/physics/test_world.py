@@ -17,7 +17,7 @@ from wideberth_perception.physics.scene import PhysicalPerson, PhysicalRobot, Ph
 from wideberth_perception.physics.sensors import InertialUnit, Lidar, WheelEncoders
 from wideberth_perception.physics.world import PhysicsWorld
 
-pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
 SMALL = SkidSteerBody()
 SOFT = replace(SMALL, servo_gain=10.0, armature=0.0)
 WALL = Polygon(((3, -2), (3.2, -2), (3.2, 2), (3, 2)), "wall")

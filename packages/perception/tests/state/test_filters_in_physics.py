@@ -76,7 +76,7 @@ def nees(estimate, truth):
     ],
 )
 def test_nees_and_drift(noise, runs, seconds):
-    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
     every = np.array([errors(run, seconds, noise) for run in range(runs)])
     for name, (pose, twist, drift) in zip(FILTERS, every.mean(axis=0), strict=True):
         for value, size in ((pose, 3), (twist, 2)):

@@ -1,4 +1,4 @@
 """Robots, walls and people in the physics of MuJoCo, with the sensors that the robots carry.
 
-Needs the extra ``physics``.
+Needs the extra ``perception``.
 """
