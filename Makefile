@@ -114,6 +114,7 @@ figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first whe
 wheel: .venv/ready      ## build dist/*.whl and dist/*.tar.gz, check them, and try the wheel in a fresh environment
 	rm -rf build dist
 	$(BIN)/python -m build -q
+	for package in $(PACKAGES); do $(BIN)/python -m build -q -o dist packages/$$package; done
 	$(BIN)/twine check --strict dist/*
 	$(BIN)/python tests/house/smoke_wheel.py dist $(PYTHONS)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from textwrap import fill, indent
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from ...framework.plugins.extensions import module_file
+from ...framework.plugins.extensions import absent, known_packages, module_file
 from ...framework.plugins.lazy import PACKAGES
 from ...framework.plugins.registry import (
     ROOMS,
@@ -73,6 +73,8 @@ def is_config_room(word: str) -> bool:
 
 def _known_room(word: str) -> str:
     """Return the room that a word means; the error names the configs too."""
+    if absent("groups", word) or absent("groups", f"{word}s"):
+        return room_name(word)  # its error says what to install
     if word not in ROOMS and f"{word}s" not in ROOMS:
         raise WideberthError(unknown("room", word, (*ROOMS, CONFIG_ROOM)))
     return room_name(word)
@@ -166,6 +168,9 @@ def described(words: list[str]) -> str:
             return _room(room)
         if room == CONFIG_ROOM:
             return "\n".join(room_lines(room))
+    kinds = {kind for package in known_packages().values() for kind in package} - {"moved"}
+    if words := next(filter(None, (absent(kind, word) for kind in sorted(kinds))), ""):
+        raise WideberthError(words)
     everything = {name for room in ROOMS for name in choices(room)}
     hint = nearest(word, {*everything, *ROOMS, CONFIG_ROOM, *shipped()}) or ";"
     raise WideberthError(f"unknown name {short(word)}{hint} `wideberth list` shows all names")

@@ -2,13 +2,16 @@
 
     smoke_wheel.py DIST [PYTHON...]
 
-DIST is the folder with a wheel and a source archive. Each Python, a version or a path, gets the
-wheel alone, and with the extra `all`; without any, the running one does. The source archive is
-installed once, and scripts are checked by pyright against the last environment. With COMMANDS=1 in
-the environment, the commands and scripts of all pages are run there as well.
+DIST is the folder with wheels and source archives of the core and the packages beside it. Each
+Python, a version or a path, gets the core alone, and with the extra `all`; without any, the
+running one does. With the first Python each package is installed on top of a core alone, and the
+commands of its README run. The core's source archive is installed once, and scripts are checked by
+pyright against the last environment. With COMMANDS=1 in the environment, the commands and scripts
+of all pages are run there as well.
 """
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -20,6 +23,7 @@ from pathlib import Path
 from time import perf_counter
 
 from wideberth.tests.house import page_commands, typed_scripts
+from wideberth.tests.house.test_imports import BESIDE
 from wideberth.tests.house.test_pages import ROOT, blocks
 
 UV = Path(sys.executable).with_name("uv")
@@ -39,12 +43,12 @@ class Environment:
     folder: Path
 
     @classmethod
-    def made(cls, folder: Path, python: str, wanted: str) -> "Environment":
+    def made(cls, folder: Path, python: str, *wanted: str) -> "Environment":
         """Install a package into a new environment, with its modules compiled as pip does."""
         folder.mkdir()
         made = cls(folder)
         subprocess.run([UV, "venv", "-q", "--python", python, folder / "env"], check=True)
-        made.install("--compile-bytecode", wanted)
+        made.install("--compile-bytecode", *wanted)
         return made
 
     @property
@@ -97,6 +101,15 @@ def tried(made: Environment) -> None:
         made.call("wideberth", "check", room, *shlex.split(target))
 
 
+def extended(made: Environment, package: str) -> None:
+    """Run the commands that the README of a package beside the core shows."""
+    text = (ROOT / "packages" / package / "README.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^wideberth .*", text, re.MULTILINE)
+    assert commands, package
+    for command in commands:
+        made.call(*shlex.split(command))
+
+
 def import_seconds(made: Environment) -> float:
     """Return the shortest of five imports of the package and a name of it."""
     script = "from time import perf_counter as now; begin = now(); import wideberth; "
@@ -112,7 +125,9 @@ def found(python: str) -> bool:
 
 def main(dist: Path, pythons: Sequence[str]) -> None:
     """Try the wheel with every Python, and the source archive with the first."""
-    (wheel,), (archive,) = dist.resolve().glob("*.whl"), dist.resolve().glob("*.tar.gz")
+    (wheel,) = dist.resolve().glob("wideberth-*.whl")
+    (archive,) = dist.resolve().glob("wideberth-*.tar.gz")
+    here = ("--find-links", str(dist.resolve()))
     missing = [one for one in pythons if not found(one)]
     assert not missing, f"no Python {', '.join(missing)} here"
     with tempfile.TemporaryDirectory() as name:
@@ -123,16 +138,18 @@ def main(dist: Path, pythons: Sequence[str]) -> None:
             tried(core)
             words = f"{core.call('python', '--version').strip()}: {size:.0f} MB, {count} packages"
             print(f"{words}, import {import_seconds(core):.2f} s", end="; ", flush=True)
-            whole = Environment.made(Path(name) / f"all{k}", python, f"{wheel}[all]")
+            whole = Environment.made(Path(name) / f"all{k}", python, *here, f"{wheel}[all]")
             tried(whole)
             print("with all extras {:.0f} MB, {} packages".format(*whole.size()), end="; ")
             print(f"{perf_counter() - begin:.0f} s")
             if not k:
                 core.install("--no-deps", "--reinstall", str(archive))
                 draws(core)
+                for package in BESIDE:
+                    words = (*here, f"{wheel}[{package}]")
+                    extended(Environment.made(Path(name) / package, python, *words), package)
         assert not typed_scripts.check(whole.python), "scripts have errors of types"
         if os.environ.get("COMMANDS"):
-            whole.install(f"{wheel}[physics]")
             assert not page_commands.run(whole, Path(name) / "pages"), "commands of pages fail"
     print(f"{wheel.name} and {archive.name} work in fresh environments")
 

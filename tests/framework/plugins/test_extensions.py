@@ -79,6 +79,7 @@ def forget() -> None:
 def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Know the package, and have nothing installed."""
     monkeypatch.setattr(extensions, "known_packages", lambda: KNOWN)
+    monkeypatch.setattr(describing, "known_packages", lambda: KNOWN)
     monkeypatch.setattr(extensions, "entries", dict)
     forget()
     yield
@@ -179,6 +180,10 @@ INSTALL = r"comes with wideberth-roses: pip install 'wideberth\[roses\]'"
 def test_names_of_an_absent_package_get_its_install_line() -> None:
     with pytest.raises(WideberthError, match=f"room 'scents' {INSTALL}"):
         registry.names("scent")
+    with pytest.raises(WideberthError, match=f"room 'scents' {INSTALL}"):
+        describing.listed("scents")
+    with pytest.raises(WideberthError, match=f"'rose' {INSTALL}"):
+        describing.described(["rose"])
     with pytest.raises(WideberthError, match=f"'roses' {INSTALL}"):
         shipped_configs.config_path("roses")
     with pytest.raises(WideberthError, match=f"'roses' {INSTALL}"):
