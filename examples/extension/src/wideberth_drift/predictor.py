@@ -22,4 +22,5 @@ class Drift(Predictor):
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Return the forecast of the Kalman filter with a larger covariance."""
         forecast = Kalman().predict(tracks, steps, scene)
-        return Forecast(forecast.mean, self.factor * forecast.covariance, tracks.dt)
+        mean, covariance = forecast.mean[:, 0], self.factor * forecast.covariance[:, 0]
+        return Forecast.single(mean, covariance, tracks.dt, forecast.fallback)
