@@ -110,7 +110,8 @@ def test_every_name_of_an_area_is_a_module(area: str) -> None:
 
 
 def test_every_part_of_a_name_is_that_of_a_test_file() -> None:
-    names = [one.name for one in (areas.ROOT / "tests").rglob("test_*.py")]
+    folders = (areas.ROOT / "tests", areas.ROOT / "packages")
+    names = [one.name for folder in folders for one in folder.rglob("test_*.py")]
     for part in areas.TESTS:
         assert any(f"test_{part}" in name for name in names), part
 

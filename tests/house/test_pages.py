@@ -144,9 +144,10 @@ def understood(words: list[str]) -> None:
         targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         assert words[1] in targets, words
     elif words[0] == "pip":
-        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-        for extra in re.findall(r"\[([\w,-]+)\]", " ".join(words)):
-            assert set(extra.split(",")) <= set(extras["optional-dependencies"]), words
+        for folder, extra in re.findall(r"(\S*)\[([\w,-]+)\]", " ".join(words)):
+            place = f"packages/{folder.partition('packages/')[2]}" if "packages/" in folder else ""
+            project = tomllib.loads((ROOT / place / "pyproject.toml").read_text())["project"]
+            assert set(extra.split(",")) <= set(project["optional-dependencies"]), words
     elif words[0].startswith(("python", ".")) and (scripts := scripts_of(words)):
         assert all((ROOT / script).is_file() for script in scripts), words
     else:

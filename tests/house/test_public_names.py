@@ -79,6 +79,7 @@ def test_what_readers_copy_imports_from_the_rooms(path: Path) -> None:
     """A name deeper inside is nothing that a page may promise."""
     for module, named in IMPORT.findall(path.read_text(encoding="utf-8")):
         assert module.count(".") <= 1, f"offer it as a name of {module.rpartition('.')[0]}"
+        import_module(module)
         offered = PACKAGES[module] if named else {}
         for name in re.findall(r"\w+", re.sub(r" as \w+", "", named)):
             assert name in offered, f"{name} is no public name of {module}"

@@ -53,7 +53,8 @@ def main() -> int:
     asked = _arguments()
     os.chdir(ROOT)
     os.nice(10)
-    found = [str(one.relative_to(ROOT)) for one in sorted((ROOT / "tests").rglob("test_*.py"))]
+    found = [str(one.relative_to(ROOT)) for folder in ("tests", "packages")
+             for one in sorted((ROOT / folder).rglob("test_*.py"))]  # fmt: skip
     chosen = [one for one in found if any(f"test_{part}" in one for part in TESTS)]
     return int(pytest.main([*OPTIONS, *chosen], plugins=[_Study(asked)]))
 
