@@ -38,6 +38,10 @@ class Standing:
         stays = stamp >= self.since and np.linalg.norm(place - self.place) <= STILL
         return self if stays else Standing(stamp, place)
 
+    def lasted(self, stamp: float) -> float:
+        """Return for how long the robot has stood, s."""
+        return stamp - self.since
+
     def blocked(self, stamp: float, goal: Array, seen: Observation, radius: float) -> str:
         """Say for how long a robot has stood before its goal, and before what; "" if it has not.
 
@@ -45,7 +49,7 @@ class Standing:
         ----------
         stamp : s. goal : (D,), m. seen : bodies and polygons. radius : m, of the robot.
         """
-        lasted = stamp - self.since
+        lasted = self.lasted(stamp)
         if lasted < STANDS or np.linalg.norm(goal - self.place) <= ARRIVED:
             return ""
         gaps = []
