@@ -436,9 +436,17 @@ def _blocked(
     frame: PerceptionFrame,
 ) -> str:
     """Say whether the robot stands before its goal, and before what; "" if it does not."""
-    goal, end = checked_ready(state.progress).path.goal, services.end
+    progress, end = checked_ready(state.progress), services.end
     standing, back = checked_ready(state.standing), state.retreat
-    words = standing.blocked(course.stamp, goal, frame.observation, settings.robot.radius)
+    arc = 0.0 if progress.last is None else progress.last[0]
+    words = standing.blocked(
+        course.stamp,
+        progress.path,
+        arc,
+        frame.observation,
+        settings.robot.radius,
+        settings.room_at_walls,
+    )
     if words and end is not None and end.circle and not end.reverses:
         words += f"; it does not drive backwards, and its turning circle is {end.circle:.1f} m"
     return joined(words, "" if back is None else back.words)
