@@ -398,7 +398,10 @@ def fit(
     ],
     recordings: Annotated[
         list[str],
-        Argument(help="Text files (`frame id x y` or `time x y theta`) or folders of *.txt."),
+        Argument(
+            help="Text files (`frame id x y`; below a header that names them `id`, `time`, `x`, "
+            "`y`, at any rate; or `time x y theta`) or folders of *.txt."
+        ),
     ],
     dt: Annotated[float, Option(help="Seconds between rows of the tracks.")],
     out: Annotated[Path, Option(help="JSON file of the fitted predictor.")],
