@@ -18,7 +18,7 @@ from wideberth.ros.following import Following, PathFollower, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import ARRIVED
 from wideberth.ros.path_sources import PathTopic
-from wideberth.tests.helpers.bags import header, quaternion, vector
+from wideberth.tests.helpers.bags import header, quaternion, transform, vector
 from wideberth.tests.ros import test_node
 from wideberth.tests.ros.test_goal_heading import Drive
 from wideberth.tests.ros.test_node import Scripted, within_limits
@@ -82,6 +82,24 @@ def test_a_loop_that_comes_again_and_again_ends(shift: float) -> None:
     for k in range(1200):
         if k % 20 == 0:
             loop.path(points=LOOP + shift * (k // 20))
+        before = loop.pose
+        loop.move()
+        driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
+    assert 6.5 < driven < 8.5 and not loop.motion.any()
+    assert np.linalg.norm(loop.pose[:2] - LOOP[-1]) < 0.4
+
+
+@pytest.mark.parametrize("frame", ["odom", "map"])
+def test_the_planner_ends_a_loop_that_comes_again_and_again(frame: str) -> None:
+    """Its points move by 1 mm each second, or the map does against odometry."""
+    planner = recommended(test_node.ROBOT, 0.5, quiet=True, predictor="kalman", dt=0.25,
+                          period=4 * STEP)  # fmt: skip
+    loop, driven = Lagging(planner, follows=PathTopic()), 0.0  # type: ignore[arg-type]
+    for k in range(700):
+        if k % 20 == 0:
+            moved = 0.001 * (k // 20)
+            loop.come("/tf", transform(loop.stamp(), "map", "odom", (moved, 0.0, 0.0)))
+            loop.path(frame, LOOP + [moved if frame == "odom" else 0.0, 0.0])
         before = loop.pose
         loop.move()
         driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
