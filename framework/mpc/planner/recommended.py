@@ -1,5 +1,6 @@
 """The recommended planner for a robot and a speed, in one call."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from math import ceil
@@ -7,6 +8,7 @@ from typing import Any
 
 from ...control.command_limits import broken_limit
 from ...plugins.config import build, describe
+from ...plugins.njit import LOG
 from ...plugins.registry import choices, load
 from ...plugins.yamlfile import shared_settings
 from ...robot import Robot, SpeedLimited, start_state, step
@@ -75,7 +77,8 @@ def recommended(
         yaw acceleration with its square), so that the smallest turning circle stays. A config or
         a `Robot` is taken as it is.
     speed : m/s, along the path; None for 1/1.4 of the robot's largest speed.
-    quiet : print nothing; otherwise a line says each choice and its reason.
+    quiet : print nothing, and log no compilation of loops in this process from now on; otherwise
+        a line says each choice and its reason.
     settings : any other of `PlannerSettings`, instead of the recommended ones. A step ``dt`` sets
         the horizon, the period and the samples of tracks too, unless they are given.
 
@@ -97,6 +100,8 @@ def recommended(
         )
     chosen = {} if speed is None else {"reference_speed": speed}
     given = {**settings, "robot": robot, **chosen}
+    if quiet:
+        LOG.setLevel(logging.ERROR)
     planner: Planner = build("controllers", completed(given))
     if not quiet:
         changes = _robot_for(robot, planner.reference_speed)[1]
