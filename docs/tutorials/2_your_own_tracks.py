@@ -82,7 +82,8 @@ print(f"{100 * np.nanmean(inside):.0f} % of the true positions lie inside")
 
 from wideberth import Detection, Observation, Path, recommended
 
-planner = recommended("unicycle", speed=1.0, quiet=True)
+robot = {"type": "unicycle", "radius": 0.3, "max_speed": 1.4}  # as wide as a person
+planner = recommended(robot, speed=1.0, quiet=True)
 planner.set_path(Path([(-2, 6), (-2, -6)]))
 
 

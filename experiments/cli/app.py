@@ -340,7 +340,10 @@ def fit(
     ],
     recordings: Annotated[
         list[str],
-        Argument(help="Text files (`frame id x y` or `time x y theta`) or folders of *.txt."),
+        Argument(
+            help="Text files (`frame id x y`; below a header that names them `id`, `time`, `x`, "
+            "`y`, at any rate; or `time x y theta`) or folders of *.txt."
+        ),
     ],
     dt: Annotated[float, Option(help="Seconds between rows of the tracks.")],
     out: Annotated[Path, Option(help="JSON file of the fitted predictor.")],
@@ -412,7 +415,7 @@ def show(
     folder = result_folder(result)
     if not (folder / "config.yaml").is_file():
         _mean_config(result)
-    every, names = columns == ALL, columns.split(",") if columns not in ("", ALL) else []
+    every, names = columns == ALL, _split(columns) if columns != ALL else []
     if not (names or pivot or latex or markdown):
         _show(folder, every)
         return
@@ -425,7 +428,7 @@ def show(
     check_finished(folder)
     if not (names or pivot or every):
         names = text_tables.columns_of(extract.answers(folder).rows)
-    chosen = extract.extract(folder, names, pivot.split(",") if pivot else ())
+    chosen = extract.extract(folder, names, _split(pivot))
     if chosen.note:
         say(chosen.note)
     if latex or markdown:
@@ -493,6 +496,11 @@ def new(
             read_experiment(config, [])
     except WideberthError as error:  # of an extra that is not installed
         typer.echo(f"first: {error}")
+
+
+def _split(columns: str) -> list[str]:
+    """Return the names of a list of columns, which commas separate, with spaces or without."""
+    return [name.strip() for name in columns.split(",")] if columns else []
 
 
 def _mean_config(word: str) -> None:

@@ -134,7 +134,10 @@ def _files(path: Path) -> list[str]:
         return [str(path)]
     found = sorted(str(file) for file in path.glob(PATTERN) if file.is_file())
     if not found:
-        raise WideberthError(f"{path} is a folder without a file {PATTERN}; wanted recordings")
+        raise WideberthError(
+            f"{path} is a folder without a file {PATTERN}; wanted recordings: give files of other "
+            f"names themselves, as in {path / '*.csv'}"
+        )
     return found
 
 

@@ -154,8 +154,9 @@ class PredictionData:
         if not files:
             raise WideberthError(
                 f"data.root: {self.folder} holds no file {self.pattern!r}; wanted recordings of "
-                "rows `frame id x y` or `time x y theta`; to read files of other names set "
-                "data.pattern, as in --set 'data.pattern=\"*.csv\"' (with both quotes)"
+                "rows `frame id x y`, `time x y theta`, or below a header `id`, `time`, `x` and "
+                "`y`; to read files of other names set data.pattern, as in "
+                "--set 'data.pattern=\"*.csv\"' (with both quotes)"
             )
         return files
 

@@ -24,6 +24,10 @@ NEAR, STEP = 0.25, 1.0
 """m and s, see `EndLimits.turning`."""
 SOON = 1e-3
 """s, in which the acceleration of the yaw rate is measured."""
+CREEP = 0.1
+"""m/s, at which the turning circle is measured."""
+RUN_UP = 1.0
+"""m that a car backs off beyond the place from which its circle leads to the end: to steer."""
 
 
 @final
@@ -35,18 +39,43 @@ class EndLimits:
     ----------
     braking : m/s^2. yaw_rate : rad/s, on the spot; 0 for a robot that cannot turn there.
     yaw_acceleration : rad/s^2, from a standstill.
+    circle : m, radius of the smallest turning circle; 0 for a robot that needs none.
+    reverses : whether it drives backwards.
     """
 
     braking: float
     yaw_rate: float
     yaw_acceleration: float
+    circle: float
+    reverses: bool
 
     @classmethod
     def of(cls, robot: Robot) -> "EndLimits":
         """Return the limits of a robot in the plane."""
         still, turn = np.zeros(len(robot.states)), [Twist((0.0, 0.0), FAST)]
         rate, soon = (float(attained(robot, still, turn, time)[0, 2]) for time in (FOREVER, SOON))
-        return cls(deceleration(robot), rate, soon / SOON)
+        circle, reverses = 0.0, float(attained(robot, still, [Twist((-FAST, 0.0))])[0, 0]) < 0.0
+        if robot.pose(tuple(still)).heading is not None and not rate:
+            slow = np.array(robot.state_at(Pose((0.0, 0.0), 0.0), Twist((CREEP, 0.0))), np.float64)
+            circle = CREEP / float(attained(robot, slow, [Twist((CREEP, 0.0), FAST)])[0, 2])
+        return cls(deceleration(robot), rate, soon / SOON, circle, reverses)
+
+    def backing(self, pose: Pose, goal: Array) -> float:
+        """Return how far a car has to back off, straight, before it can drive to a place, m.
+
+        With the place d ahead of it and e beside it, and R the radius of its turning circle, it
+        reaches the place on that circle from b behind, and needs `RUN_UP` to steer::
+
+            b = sqrt(2 R e - e^2) - d + `RUN_UP`      e <= R
+
+        Parameters
+        ----------
+        pose : of the car. goal : (2,), m.
+        """
+        away, heading = goal - np.array(pose.position, np.float64), float(pose.heading)  # type: ignore[arg-type]
+        ahead = cos(heading) * away[0] + sin(heading) * away[1]
+        aside = min(abs(cos(heading) * away[1] - sin(heading) * away[0]), self.circle)
+        return float(max(sqrt(aside * (2.0 * self.circle - aside)) - ahead, 0.0) + RUN_UP)
 
     def turning(self, away: float, speed: float, rate: float) -> float:
         """Return a yaw rate, rad/s, that a robot near the end of its path still has a reason for.

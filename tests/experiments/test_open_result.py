@@ -105,6 +105,16 @@ def test_columns_and_pivots(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     assert printed.err == "each cell is the mean of up to 2 lines of table.csv\n"
 
 
+def test_a_list_of_columns_may_have_spaces(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not shown(folder, "--columns", "region,clearance_min_m")
+    printed = capsys.readouterr().out
+    assert not shown(folder, "--columns", "region, clearance min (m)")
+    assert capsys.readouterr().out == printed
+    assert not shown(folder, "--pivot", "predictor, region, clearance_min_m")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -8,6 +8,8 @@ import numpy as np
 from ...tracking.stand_ins import sound
 from ...values.arrays import Array
 from ...values.motion import Observation
+from ...values.passage import BESIDE, passable
+from ...values.path import Path
 from ...values.polygon import separation
 
 BLOCKED = "blocked"
@@ -38,18 +40,27 @@ class Standing:
         stays = stamp >= self.since and np.linalg.norm(place - self.place) <= STILL
         return self if stays else Standing(stamp, place)
 
-    def blocked(self, stamp: float, goal: Array, seen: Observation, radius: float) -> str:
+    def lasted(self, stamp: float) -> float:
+        """Return for how long the robot has stood, s."""
+        return stamp - self.since
+
+    def blocked(
+        self, stamp: float, path: Path, arc: float, seen: Observation, radius: float, room: float
+    ) -> str:
         """Say for how long a robot has stood before its goal, and before what; "" if it has not.
 
         Parameters
         ----------
-        stamp : s. goal : (D,), m. seen : bodies and polygons. radius : m, of the robot.
+        stamp : s. path : whose end is the goal. arc : m along it.
+        seen : bodies and polygons. radius : m, of the robot.
+        room : m, that it needs to either side of its middle.
         """
-        lasted = stamp - self.since
-        if lasted < STANDS or np.linalg.norm(goal - self.place) <= ARRIVED:
+        lasted = self.lasted(stamp)
+        if lasted < STANDS or np.linalg.norm(path.goal - self.place) <= ARRIVED:
             return ""
         gaps = []
-        for body in sound(seen, len(goal), here=self.place).detections:
+        bodies = sound(seen, len(path.goal), here=self.place).detections
+        for body in bodies:
             away = float(np.linalg.norm(body.position - self.place))
             gaps.append((away - body.radius - radius, repr(body.ident)))
         for polygon in seen.polygons:
@@ -57,4 +68,15 @@ class Standing:
             gaps.append((away - radius, repr(polygon.name) if polygon.name else "a wall"))
         gap, name = min(gaps, default=(np.inf, ""))
         before = f"nearest is {name}, {gap:.2f} m away" if gap <= NEAR else "nothing is near it"
-        return f"{BLOCKED}: it has stood for {lasted:.0f} s before its goal; {before}"
+        words = f"{BLOCKED}: it has stood for {lasted:.0f} s before its goal; {before}"
+        if len(path.goal) != 2:
+            return words
+        discs = [(body.position, body.radius) for body in bodies]
+        ahead = min(arc + 2.0 * radius + NEAR, path.length)
+        fits = passable(path, arc, ahead, room, discs, seen.polygons)
+        return words if fits else f"{words}; {misfit(room)}"
+
+
+def misfit(room: float) -> str:
+    """Say that a robot finds no way, which needs so much to either side of its middle, m."""
+    return f"it does not fit: no way within {BESIDE:g} m of its path is {2.0 * room:.2f} m wide"

@@ -486,6 +486,8 @@ def test_forecasts_in_a_recording_are_mixtures(tmp_path: Path) -> None:
         {"repeat_schemas": False, "use_chunking": False},
         {"index_types": 0},
         {"index_types": 0, "use_statistics": False, "repeat_channels": False},
+        {"use_chunking": False},
+        {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
     ],
 )
 def test_a_summary_need_not_repeat_what_the_file_holds(
@@ -506,8 +508,24 @@ def test_a_summary_need_not_repeat_what_the_file_holds(
     }
     for name, rows in whole.timed.items():
         assert [row.time for row in found.rows(name)] == [row.time for row in rows]
-    if "index_types" not in options:
-        assert not any("damaged" in note for note in found.notes)
+    assert not any("damaged" in note for note in found.notes)
+
+
+def test_a_chunk_whose_bytes_changed_is_damage(tmp_path: Path) -> None:
+    """Its records are whole, and the file lacks its summary; the chunk's checksum does not fit."""
+    pytest.importorskip("mcap", reason="pip install mcap")
+    from mcap.writer import CompressionType
+
+    bag = write_bag(tmp_path / "bag", people())
+    file = bag / "bag.mcap"
+    rewrite(file, {"repeat_channels": False, "compression": CompressionType.NONE})
+    (note,) = read_bag(file).notes
+    assert note == "bag.mcap has no complete summary; all 120 messages are read"
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    file.write_bytes(bytes(data))
+    (note,) = read_bag(file).notes
+    assert note.startswith("bag.mcap is damaged; the ")
 
 
 def rewrite(file: Path, options: dict[str, Any]) -> None:

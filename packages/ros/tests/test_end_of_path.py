@@ -16,7 +16,7 @@ from wideberth.packages.ros.tests import test_node
 from wideberth.packages.ros.tests.test_goal_heading import Drive
 from wideberth.packages.ros.tests.test_node import Scripted, within_limits
 from wideberth.robots import Bicycle, Unicycle
-from wideberth.tests.helpers.bags import header, quaternion, vector
+from wideberth.tests.helpers.bags import header, quaternion, transform, vector
 from wideberth_ros.cli.ros_node import read_node
 from wideberth_ros.following import Following, PathFollower, ResultCode
 from wideberth_ros.messages import messages
@@ -87,6 +87,43 @@ def test_a_loop_that_comes_again_and_again_ends(shift: float) -> None:
         driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
     assert 6.5 < driven < 8.5 and not loop.motion.any()
     assert np.linalg.norm(loop.pose[:2] - LOOP[-1]) < 0.4
+
+
+def planning() -> Lagging:
+    planner = recommended(test_node.ROBOT, 0.5, quiet=True, predictor="kalman", dt=0.25,
+                          period=4 * STEP)  # fmt: skip
+    return Lagging(planner, follows=PathTopic())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("frame", ["odom", "map"])
+def test_the_planner_ends_a_loop_that_comes_again_and_again(frame: str) -> None:
+    """Its points move by 1 mm each second, or the map does against odometry."""
+    loop, driven = planning(), 0.0
+    for k in range(700):
+        if k % 20 == 0:
+            moved = 0.001 * (k // 20)
+            loop.come("/tf", transform(loop.stamp(), "map", "odom", (moved, 0.0, 0.0)))
+            loop.path(frame, LOOP + np.array([moved if frame == "odom" else 0.0, 0.0]))
+        before = loop.pose
+        loop.move()
+        driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
+    assert 6.5 < driven < 8.5 and not loop.motion.any()
+    assert np.linalg.norm(loop.pose[:2] - LOOP[-1]) < 0.4
+
+
+def test_a_way_there_and_back_ends_while_its_map_moves() -> None:
+    """The map moves by 2 cm each second, so that the path is laid anew all the time."""
+    loop, moved = planning(), 0.0
+    loop.path("map", ((0.0, 0.0), (3.0, 0.0), (0.0, 0.0)))
+    for k in range(700):
+        if k % 20 == 0:
+            moved = 0.02 * (k // 20)
+            loop.come("/tf", transform(loop.stamp(), "map", "odom", (moved, 0.0, 0.0)))
+        loop.move()
+        if k > 100 and loop.node.status == "waiting for a path":
+            break
+    assert loop.node.status == "waiting for a path"
+    assert np.linalg.norm(loop.pose[:2] + np.array([moved, 0.0])) <= 2.0 * NEAR
 
 
 def test_an_action_drives_the_same_loop_once_more() -> None:

@@ -13,6 +13,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
+from wideberth.framework.values.walls import box
 from wideberth.predictors.kalman import Kalman
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
@@ -162,6 +163,16 @@ def test_a_robot_that_stands_before_its_goal_says_before_what(others: bool) -> N
     made.set_path(Path([(0.0, 0.0), (-8.0, 0.0)]))
     made.command(Observation(25.0, state, bodies, polygons=(WALL,)))
     assert made.plan is not None and "blocked" not in made.plan.reason, "another goal"
+
+
+def test_a_robot_that_is_wider_than_a_door_says_so() -> None:
+    made = recommended(Unicycle(radius=0.3), 0.5, quiet=True, predictor="kalman")
+    made.set_path(Path([(0.0, 0.0), (4.0, 0.0)]))
+    door = box((1.0, 0.32), (1.2, 8.0)), box((1.0, -8.0), (1.2, -0.32))
+    for k in range(13):
+        made.command(Observation(0.5 * k, np.array([0.6, 0.0, 0.0, 0.0, 0.0]), polygons=door))
+    assert made.plan is not None
+    assert "does not fit: no way within 3 m of its path is 0.70 m wide" in made.plan.reason
 
 
 def test_a_robot_at_its_goal_is_not_blocked() -> None:

@@ -15,10 +15,6 @@ NO_SCHEMA = "__schemaless__"
 """Type that rosbags gives a channel whose schema the summary of an MCAP file lacks."""
 
 
-class _IncompleteSummary(WideberthError):
-    """The summary of a sound MCAP file, which need not repeat all, does not name all messages."""
-
-
 class RawTopic(NamedTuple):
     """A topic as one publisher, or several alike ones, offered it.
 
@@ -99,13 +95,11 @@ def _part(file: Path, wanted: frozenset[str]) -> RawBag:
     """Read one file, as far as it goes."""
     try:
         return _whole(file, wanted)
-    except _IncompleteSummary:
-        return _scanned(file, wanted, "lacks messages in its summary; all {} are read")
     except Exception as error:  # see above
         reason = short(str(error), 120)
     if file.suffix != ".mcap":
         return RawBag((), (), (f"{file.name} cannot be read: {reason}",))
-    return _scanned(file, wanted, "is damaged; the {} messages before the damage are read")
+    return _scanned(file, wanted)
 
 
 def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
@@ -132,16 +126,19 @@ def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
         listed = sum(one.size for one in topics)
         indexed = sum(one.size for one in topics if one.kind in wanted)
         if total > listed or indexed > len(rows) or any(one.kind == NO_SCHEMA for one in topics):
-            raise _IncompleteSummary("the summary of an MCAP file does not name all messages")
+            raise WideberthError("the summary of an MCAP file does not name all messages")
     return RawBag(topics, rows, ())
 
 
-def _scanned(file: Path, wanted: frozenset[str], remark: str) -> RawBag:
-    """Read an MCAP file record by record, up to its end or to where it is damaged."""
+def _scanned(file: Path, wanted: frozenset[str]) -> RawBag:
+    """Read an MCAP file record by record, up to its end or to where it is damaged.
+
+    A sound file need not have a summary, and its summary need not repeat all.
+    """
     place: dict[int, int] = {}
     topics: list[RawTopic] = []
     rows = []
-    reason = ""
+    remark = "has no complete summary; all {} messages are read"
     try:
         for one in recovered_messages(file):
             if one.channel not in place:
@@ -152,9 +149,9 @@ def _scanned(file: Path, wanted: frozenset[str], remark: str) -> RawBag:
             if one.kind in wanted:
                 rows.append(RawMessage(at, one.definition, one.received, one.data))
     except WideberthError as error:
-        reason = f": {error}"
+        remark = f"is damaged; the {{}} messages before the damage are read: {error}"
     total = sum(one.size for one in topics)
-    note = f"{file.name} {remark.format(total)}{reason}"
+    note = f"{file.name} {remark.format(total)}"
     return RawBag(tuple(topics), tuple(rows), (note,))
 
 
