@@ -34,10 +34,10 @@ from ...values.tracks import Tracks
 from ..assembly import assemble
 from ..ocp.command_robot import CommandRobot
 from ..ocp.problem import Parameters, Problem
-from ..ocp.problem_robot import robot_of_problem, with_carried
 from ..ocp.progress_robot import ProgressRobot, without_progress
 from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
+from ..problem_robot import robot_of_problem, with_carried
 from ..slots.base import (
     CAPACITIES,
     ActiveObstacles,

@@ -1,11 +1,11 @@
 """The robot as a problem states it: with what its cost carries along among the states."""
 
-from ...robot import Robot
-from ..costs.base import CommandCost, Cost, ProgressCost
-from .command_robot import CommandRobot, command_robot_of, with_command
-from .problem import Parameters
-from .progress_robot import ProgressRobot, progress_robot_of, with_progress
-from .transcription import Guess
+from ..robot import Robot
+from .costs.base import CommandCost, Cost, ProgressCost
+from .ocp.command_robot import CommandRobot, command_robot_of, with_command
+from .ocp.problem import Parameters
+from .ocp.progress_robot import ProgressRobot, progress_robot_of, with_progress
+from .ocp.transcription import Guess
 
 
 def robot_of_problem(robot: Robot, cost: Cost, dt: float) -> Robot:
