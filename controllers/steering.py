@@ -122,8 +122,8 @@ class PathGuide:
         return None if self._progress is None else self._progress.path
 
     def follow(self, path: Path) -> None:
-        """Take this path from now on."""
-        self._progress = PathProgress(path)
+        """Take this path from now on; go on along one that has only moved a little."""
+        self._progress = (self._progress or PathProgress(path)).on(path)
 
     def reset(self) -> None:
         """Forget the progress; the path stays."""
@@ -149,7 +149,7 @@ class PathGuide:
         path = self._progress.path
         if look_ahead == np.inf:  # the progress does not matter
             return path.goal, float(np.linalg.norm(path.goal - place))
-        self._progress, here = self._progress.advanced(place)
+        self._progress, here = self._progress.advanced(place, look_ahead)
         arc = min(here + look_ahead, path.length)
         carrot = path.at(np.array(arc))
         return carrot, float(np.linalg.norm(carrot - place)) + path.length - arc

@@ -111,7 +111,7 @@ class Withdrawing(Controller):
         """Follow this path from now on; to the same goal, a withdrawal goes on."""
         path, memory = checked_path(self.robot, path), self._memory
         memory.known = memory.known.on(path, memory.path)
-        memory.path, memory.progress = path, PathProgress(path)
+        memory.path, memory.progress = path, (memory.progress or PathProgress(path)).on(path)
         self._follow(memory.known.way or path, away=memory.known.way is not None)
 
     def remember(self, observation: Observation) -> None:

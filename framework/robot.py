@@ -65,6 +65,12 @@ class Robot(ABC):
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Time derivative of the state."""
 
+    def after(
+        self, state: Sequence[Scalar], control: Sequence[Scalar], dt: Scalar, substeps: int = 1
+    ) -> tuple[Scalar, ...]:
+        """State ``dt`` seconds later under a constant input."""
+        return runge_kutta(self.derivative, state, control, dt, substeps)
+
     @abstractmethod
     def state_bounds(self) -> Bounds:
         """Limits of the state."""
@@ -192,4 +198,4 @@ def step(
     """
     positive("dt", dt)
     whole("substeps", substeps)
-    return runge_kutta(robot.derivative, state, control, dt, substeps)
+    return robot.after(state, control, dt, substeps)

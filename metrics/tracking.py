@@ -79,12 +79,20 @@ def gospa(
     if distance.size:
         distance = np.linalg.norm(true[:, None] - found[None], axis=2)
     rows, columns = _assigned(distance, cut, order)
-    sum_of_powers = float((distance[rows, columns] ** order).sum())
+    paired = distance[rows, columns]
     missed, false = len(true) - len(rows), len(found) - len(rows)
-    whole = sum_of_powers + cut**order * (missed + false) / 2.0
-    return Gospa(
-        *(whole ** (1.0 / order), sum_of_powers ** (1.0 / order), len(rows), missed, false)
-    )
+    located = _norm(paired, np.ones(len(rows)), order)
+    shares = np.append(np.ones(len(rows)), (missed + false) / 2.0)
+    return Gospa(_norm(np.append(paired, cut), shares, order), located, len(rows), missed, false)
+
+
+def _norm(lengths: Array, weights: Array, order: float) -> float:
+    """(sum_i w_i l_i^p)^(1/p); scaled, so that no power over- or underflows."""
+    scale = float(lengths[weights > 0.0].max(initial=0.0))
+    if scale == 0.0:
+        return 0.0
+    powers = np.minimum(lengths / scale, 1.0) ** order
+    return scale * float((weights * powers).sum() ** (1.0 / order))
 
 
 def _places(name: str, values: ArrayLike, size: int | None) -> Array:
@@ -95,11 +103,40 @@ def _places(name: str, values: ArrayLike, size: int | None) -> Array:
 
 def _assigned(distance: Array, cut: float, order: float) -> tuple[IntArray, IntArray]:
     """Rows and columns of the cheapest pairs that are closer than the cut."""
+    columns = _cheapest(np.minimum(distance, cut), cut, cut, order)
+    rows = np.flatnonzero(columns >= 0)
+    near = distance[rows, columns[rows]] < cut
+    return rows[near], columns[rows[near]]
+
+
+NEGLIGIBLE = 1e-12
+"""Share of the largest cost of an assignment below which rounding hides a cost."""
+
+
+def _cheapest(distance: Array, cut: float, scale: float, order: float) -> IntArray:
+    """Column of each row at the least sum of distance^order; -1 for a row without one.
+
+    Costs that rounding would hide behind larger ones are minimised in a second assignment, of the
+    rows and columns that the larger ones leave.
+    """
     from scipy.optimize import linear_sum_assignment
 
-    rows, columns = linear_sum_assignment(np.minimum(distance, cut) ** order)
-    near = distance[rows, columns] < cut
-    return rows[near].astype(np.int64), columns[near].astype(np.int64)
+    largest_cost = 1.0 + min(distance.shape)  # more than all pairs of the length `scale`
+    with np.errstate(over="ignore"):
+        costs = np.minimum((distance / scale) ** order, largest_cost)
+    rows, columns = linear_sum_assignment(costs)
+    pairs = np.full(len(distance), -1)
+    pairs[rows] = columns
+    lengths = distance[rows, columns]
+    hidden = costs[rows, columns] < NEGLIGIBLE
+    longest = float(lengths[hidden].max(initial=0.0))
+    if longest > 0.0:
+        settled = ~hidden & (lengths < cut)
+        rest = np.delete(np.arange(distance.shape[0]), rows[settled])
+        left = np.delete(np.arange(distance.shape[1]), columns[settled])
+        again = _cheapest(distance[np.ix_(rest, left)], cut, longest, order)
+        pairs[rest] = np.where(again >= 0, left[again], -1)
+    return pairs
 
 
 @final
@@ -118,8 +155,8 @@ class TrackScores:
     followed : share of the obstacles that ever had a track.
     speed_error : m/s, root mean square error of the velocity.
     nees : mean of e' P^-1 e over the nearest pairs, e the error of position and velocity; 4 is
-        honest.
-    inside : share of the nearest pairs whose error lies in the 95 % region that the track states.
+        honest. Pairs with a singular P do not count; NaN without others.
+    inside : share of these pairs whose error lies in the 95 % region that the track states.
     pairs, obstacles, instants : that these were taken over.
     """
 
@@ -152,6 +189,7 @@ class _Tally:
     began: dict[str, float] = field(default_factory=dict)
     found: dict[str, float] = field(default_factory=dict)
     last: dict[str, str] = field(default_factory=dict)
+    holds: dict[str, str] = field(default_factory=dict)
 
 
 def track_scores(
@@ -162,11 +200,11 @@ def track_scores(
 ) -> TrackScores:
     """Score tracks against the true obstacles, instant by instant.
 
-    GOSPA of each instant with p = 2. To count, an obstacle keeps the track that it had while that
-    is closer than ``near``; the others are paired at the least sum of squares, where closer than
-    ``near`` (CLEAR MOT). Errors are those of the pairs at the least sum of squares, whichever
-    tracks they had before: where two tracks change places, that is two switches, and no error of
-    a position.
+    GOSPA of each instant with p = 2. To count, an obstacle keeps the track that it had, and that
+    no other obstacle had since, while that is closer than ``near``; the others are paired at the
+    least sum of squares, where closer than ``near`` (CLEAR MOT). Errors are those of the pairs
+    at the least sum of squares, whichever tracks they had before: where two tracks change
+    places, that is two switches, and no error of a position.
 
     Parameters
     ----------
@@ -186,17 +224,19 @@ def track_scores(
     positive("cut", cut)
     positive("near", near)
     tally = _Tally()
-    for time, truth, obstacles in run:
-        tracks = _apart(obstacles)
+    for time, states, obstacles in run:
+        truth = dict(sorted(states.items()))  # whose order decides between equal distances
+        tracks = _apart(sorted(obstacles, key=lambda obstacle: obstacle.ident))
         places = np.reshape([state[:2] for state in truth.values()], (-1, 2))
         seen = np.reshape([one.state[:2] for one in tracks.values()], (-1, 2))
         tally.values.append(gospa(places, seen, cut=cut).value)
-        _count(tally, time, truth, tracks, _continued(truth, tracks, tally.last, near))
+        _count(tally, time, truth, tracks, _continued(truth, tracks, tally.holds, near))
         for name, ident in _continued(truth, tracks, {}, near).items():
             error = np.asarray(truth[name]) - tracks[ident].state
             tally.errors.append(error)
             tally.nees.append(nees(error, tracks[ident].covariance))
     errors = np.reshape(tally.errors, (-1, 4))
+    squares = [value for value in tally.nees if np.isfinite(value)]
     waits = [tally.found[name] - tally.began[name] for name in tally.found]
     return TrackScores(
         gospa=_mean(tally.values),
@@ -207,8 +247,8 @@ def track_scores(
         latency=_mean(waits),
         followed=len(tally.found) / max(len(tally.began), 1),
         speed_error=_root(errors[:, 2:]),
-        nees=_mean(tally.nees),
-        inside=_mean(value <= NINETY_FIVE for value in tally.nees),
+        nees=_mean(squares),
+        inside=_mean(value <= NINETY_FIVE for value in squares),
         pairs=len(errors),
         obstacles=len(tally.began),
         instants=len(tally.values),
@@ -230,16 +270,15 @@ def _apart(obstacles: Iterable[TrackedObstacle]) -> dict[str, TrackedObstacle]:
 def _continued(
     truth: Mapping[str, Array],
     tracks: Mapping[str, TrackedObstacle],
-    last: Mapping[str, str],
+    holds: Mapping[str, str],
     near: float,
 ) -> dict[str, str]:
     """Return obstacle -> track: those that go on, then the nearest of the others."""
     pairs: dict[str, str] = {}
     for name, state in truth.items():
-        track = tracks.get(last.get(name, ""))
-        if track is not None and track.ident not in pairs.values():
-            if np.hypot(*(state[:2] - track.state[:2])) < near:
-                pairs[name] = track.ident
+        track = tracks.get(holds.get(name, ""))
+        if track is not None and np.hypot(*(state[:2] - track.state[:2])) < near:
+            pairs[name] = track.ident
     names = [name for name in truth if name not in pairs]
     idents = [ident for ident in tracks if ident not in pairs.values()]
     true = np.reshape([truth[name][:2] for name in names], (-1, 2))
@@ -267,16 +306,22 @@ def _count(
         tally.found.setdefault(name, time)
         tally.switches += tally.last.get(name, ident) != ident
         tally.last[name] = ident
+    lost = {name: ident for name, ident in tally.holds.items() if ident not in pairs.values()}
+    tally.holds = lost | dict(pairs)
 
 
 def nees(error: Array, covariance: Array) -> float:
     """Normalised estimation error squared, e' P^-1 e; on average the number of entries.
+
+    NaN where P is singular, as the covariance of a state that is known exactly is.
 
     Examples
     --------
     >>> nees([0.3, 0.0], [[0.09, 0.0], [0.0, 1.0]])
     1.0
     """
+    if np.linalg.matrix_rank(covariance, hermitian=True) < len(error):
+        return float("nan")
     return float(np.asarray(error) @ np.linalg.solve(covariance, error))
 
 

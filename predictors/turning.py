@@ -43,6 +43,8 @@ UNREST = 0.4
 `LONGEST_STRETCH` steps."""
 PRIOR = 4.0
 """Exposure that the prior of the tendency to turn is worth."""
+ENCLOSED = 4.0
+"""Evidence from which on people are taken not to leave the area around the places seen."""
 
 
 @final
@@ -56,16 +58,19 @@ class WatchedTurns:
     turns : seen so far.
     exposure : sum of dt / T of all who walked, T s before they would have left the area.
     corners : of the convex hull of all places where people were, m.
+    evidence : that people do not leave this hull and 1 m more: one for each turn and each walk
+        of its width, less one for each m by which a person exceeds the hull; at least 0.
     """
 
     stamp: float
     turns: int = 0
     exposure: float = 0.0
     corners: tuple[tuple[float, float], ...] = ()
+    evidence: float = 0.0
 
     @cached_property
     def area(self) -> ConvexArea | None:
-        """The area that people use; None as long as there is none."""
+        """Area around all places where people were; None as long as they are on a line."""
         corners = np.reshape(self.corners, (-1, 2))
         if len(corners) < 3 or width_across(corners) < THIN:
             return None
@@ -101,7 +106,9 @@ class TurningPeople(AdaptiveFiltering):
     this model. A tracker's velocity lags behind a turn and is not used.
 
     `update` learns by watching. The convex hull of all places where people were, and 1 m
-    more, is the area where none is given. For a prior k ~ Gamma(4 k_0, 4) with k_0 the
+    more, is the area where none is given, as soon as people were seen to turn in it or to walk
+    across it four times more often than to exceed it by 1 m: the hull of the first seconds is
+    only a part of the place. For a prior k ~ Gamma(4 k_0, 4) with k_0 the
     ``tendency``, turns that come at the rate k / T and the sum E of dt / T over all who walk
     give the mean
 
@@ -115,7 +122,8 @@ class TurningPeople(AdaptiveFiltering):
     ----------
     modes : of each person.
     area : corners of the convex area that people do not leave, m; none if it is to be learnt.
-    hazard : turns per s, where no area is known.
+    hazard : turns per s, where no area is known. Of 0.005, 0.01, 0.02 and 0.05 per s the default
+        has the least mean error over the five scenes of ETH/UCY, cut into clips of 14 s.
     tendency : k before anyone was watched.
     fallback : predictor for the others.
     state : what `update` has learnt; None before.
@@ -133,7 +141,7 @@ class TurningPeople(AdaptiveFiltering):
 
     modes: int = 24
     area: Corners = ()
-    hazard: float = 0.05
+    hazard: float = 0.01
     tendency: float = 1.0
     fallback: Predictor = field(default_factory=Kalman)
     state: WatchedTurns | None = None
@@ -190,10 +198,18 @@ class TurningPeople(AdaptiveFiltering):
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
     @cached_property
-    def _known_area(self) -> ConvexArea | None:
+    def _watched_area(self) -> ConvexArea | None:
+        """The area that is given, or around all places seen."""
         if self.area:
             return ConvexArea.around(convex_hull(np.array(self.area)), GIVEN_BORDER)
         return None if self.state is None else self.state.area
+
+    @property
+    def _known_area(self) -> ConvexArea | None:
+        """The area that people do not leave; None as long as a learnt one lacks evidence."""
+        if not self.area and (self.state is None or self.state.evidence < ENCLOSED):
+            return None
+        return self._watched_area
 
     @property
     def learnt_tendency(self) -> float:
@@ -245,26 +261,37 @@ class TurningPeople(AdaptiveFiltering):
         fresh = int(min(round((tracks.stamp - state.stamp) / tracks.dt), rows))
         if fresh < 1:
             return self
+        before = replace(self, state=state)._watched_area
         seen = positions[:, rows - fresh :].reshape(-1, 2)
         seen = seen[np.isfinite(seen).all(axis=1)]
         if not self.area and len(seen):
             hull = convex_hull(np.concatenate([np.reshape(state.corners, (-1, 2)), seen]))
             state = replace(state, corners=tuple((float(x), float(y)) for x, y in hull))
         learnt = replace(self, state=replace(state, stamp=tracks.stamp))
-        return learnt._counted(tracks, fresh)
+        return learnt._counted(tracks, fresh, before)
 
-    def _counted(self, tracks: Tracks, fresh: int) -> Self:
-        """Return a copy that has counted turns and exposure at the newest rows."""
-        area, state, seen = self._known_area, self.state, _Seen.of(tracks, fresh)
+    def _counted(self, tracks: Tracks, fresh: int, before: ConvexArea | None) -> Self:
+        """Return a copy that has counted turns, exposure and evidence at the newest rows.
+
+        ``before`` is the area around what was seen before these rows.
+        """
+        area, state, seen = self._watched_area, self.state, _Seen.of(tracks, fresh)
         if area is None or state is None or seen is None:
             return self
         place = tracks.positions[seen.walking, -1]
         speed = np.hypot(*seen.velocity.T)[:, None]
-        left = area.way_left(place[:, None], (seen.velocity / speed)[:, None])[:, 0]
+        heading = (seen.velocity / speed)[:, None]
+        left, behind = (area.way_left(place[:, None], way)[:, 0] for way in (heading, -heading))
         exposure = state.exposure + seen.span * float((speed / left).sum())
-        return replace(
-            self, state=replace(state, turns=state.turns + seen.turns, exposure=exposure)
+        across = seen.span * float((speed / (left + behind)).sum())
+        evidence = state.evidence + seen.turns + across - _exceeded(before, tracks)
+        counted = replace(
+            state,
+            turns=state.turns + seen.turns,
+            exposure=exposure,
+            evidence=max(evidence, 0.0),
         )
+        return replace(self, state=counted)
 
 
 def _since(begin: Array, sightings: Measurements) -> Measurements:
@@ -272,6 +299,18 @@ def _since(begin: Array, sightings: Measurements) -> Measurements:
     pairs = zip(sightings.times, begin, strict=True)
     first = [min(int(times.searchsorted(time)), max(len(times) - 1, 0)) for times, time in pairs]
     return sightings.part([slice(number, None) for number in first])
+
+
+def _exceeded(area: ConvexArea | None, tracks: Tracks) -> float:
+    """Return by how much people exceed the hull in a learnt area, sum in units of its border.
+
+    Infinite where there was no area: how fast the first places spread is unknown.
+    """
+    if area is None:
+        return np.inf
+    newest = tracks.positions[:, -1]
+    depth = area.depth(newest[np.isfinite(newest).all(axis=1)])
+    return float(np.maximum(LEARNT_BORDER - depth, 0.0).sum() / LEARNT_BORDER)
 
 
 def _walks(beliefs: Beliefs) -> tuple[Array, Array, Array]:

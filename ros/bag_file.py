@@ -10,6 +10,8 @@ from .mcap_recovery import check_chunks, recovered_messages
 from .ros_extra import needed
 
 SUFFIXES = (".mcap", ".db3")
+NO_SCHEMA = "__schemaless__"
+"""Type that rosbags gives a channel whose schema the summary of an MCAP file lacks."""
 
 
 class RawTopic(NamedTuple):
@@ -108,7 +110,7 @@ def _part(file: Path, wanted: frozenset[str]) -> RawBag:
         reason = short(str(error), 120)
     if file.suffix != ".mcap":
         return RawBag((), (), (f"{file.name} cannot be read: {reason}",))
-    return _recovered(file, wanted)
+    return _scanned(file, wanted)
 
 
 def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
@@ -130,15 +132,24 @@ def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
             RawMessage(place[id(one)], one.msgdef.data, received, bytes(data))
             for one, received, data in found
         )
+        total = reader.message_count
+    if any(file.suffix == ".mcap" for file in storage_files(path)):
+        listed = sum(one.size for one in topics)
+        indexed = sum(one.size for one in topics if one.kind in wanted)
+        if total > listed or indexed > len(rows) or any(one.kind == NO_SCHEMA for one in topics):
+            raise WideberthError("the summary of an MCAP file does not name all messages")
     return RawBag(topics, rows, ())
 
 
-def _recovered(file: Path, wanted: frozenset[str]) -> RawBag:
-    """Read what is in front of the damage of an MCAP file."""
+def _scanned(file: Path, wanted: frozenset[str]) -> RawBag:
+    """Read an MCAP file record by record, up to its end or to where it is damaged.
+
+    A sound file need not have a summary, and its summary need not repeat all.
+    """
     place: dict[int, int] = {}
     topics: list[RawTopic] = []
     rows = []
-    reason = ""
+    remark = "has no complete summary; all {} messages are read"
     try:
         for one in recovered_messages(file):
             if one.channel not in place:
@@ -149,9 +160,9 @@ def _recovered(file: Path, wanted: frozenset[str]) -> RawBag:
             if one.kind in wanted:
                 rows.append(RawMessage(at, one.definition, one.received, one.data))
     except WideberthError as error:
-        reason = f": {error}"
+        remark = f"is damaged; the {{}} messages before the damage are read: {error}"
     total = sum(one.size for one in topics)
-    note = f"{file.name} is damaged; the {total} messages before the damage are read{reason}"
+    note = f"{file.name} {remark.format(total)}"
     return RawBag(tuple(topics), tuple(rows), (note,))
 
 

@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from ..framework.control.end_of_path import Arrival
+from ..framework.mpc.planner.standing import BLOCKED
 from ..framework.values.arrays import Array, positive
 from .decoding import Goal
 from .frames import within_pi
@@ -130,6 +131,8 @@ class Follower(ABC):
             return End(ResultCode.CONTROLLER_TIMED_OUT, "the planner does not answer")
         if now - self._moved > wanted.allowance:
             reason = f"it moved less than {wanted.progress:g} m in {wanted.allowance:g} s"
+            if self.node.status.startswith(BLOCKED):
+                reason = f"{reason}; {self.node.status}"
             return End(ResultCode.FAILED_TO_MAKE_PROGRESS, reason)
         return None
 

@@ -5,6 +5,7 @@ A few kilobytes of a chunk can unpack to gigabytes. Such a chunk counts as damag
 
 import os
 import struct
+import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +21,7 @@ MOST_TIMES = 100
 """How many times the size of a damaged file all of its chunks may unpack to, beyond one of the
 largest chunks."""
 MAGIC = b"\x89MCAP0\r\n"
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x03, 0x04, 0x05, 0x06
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
 
 
 class RecoveredMessage(NamedTuple):
@@ -47,18 +48,23 @@ class _Scan:
 
     schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
     channels: dict[int, tuple[int, str]] = field(default_factory=dict)
+    whole: bool = True
 
     def messages(self, data: bytes) -> Iterator[RecoveredMessage]:
         """Yield the messages of a file's records that are whole, those of its chunks included."""
         capacity = LARGEST_CHUNK + MOST_TIMES * len(data)
+        end, kind = len(MAGIC), 0
         for kind, body in _records(data, len(MAGIC)):
+            end += 9 + len(body)
             if kind == _CHUNK:
                 records = _unpacked(body)
+                self.whole &= _agrees(body, records)
                 capacity -= len(records)
                 if capacity < 0:
                     raise WideberthError(f"it unpacks to {MOST_TIMES} times its size and more")
                 yield from self.of(_records(records))
             yield from self.of([(kind, body)])
+        self.whole &= kind == _FOOTER and data[end:] == MAGIC
 
     def of(self, records: Iterable[tuple[int, bytes]]) -> Iterator[RecoveredMessage]:
         """Yield the messages among records, up to one that no chunk may hold, as another chunk."""
@@ -83,14 +89,17 @@ def recovered_messages(path: Path) -> Iterator[RecoveredMessage]:
 
     Raises
     ------
-    WideberthError : after the messages before it, a chunk that unpacks to more than
-        `LARGEST_CHUNK`, or chunks that unpack to more than `MOST_TIMES` the size of the file.
+    WideberthError : after the messages that can be read, a record or a chunk that is not whole, a
+        chunk that unpacks to more than `LARGEST_CHUNK`, or chunks that unpack to more than
+        `MOST_TIMES` the size of the file.
     """
-    data = path.read_bytes()
+    data, scan = path.read_bytes(), _Scan()
     try:
-        yield from _Scan().messages(data if data.startswith(MAGIC) else b"")
+        yield from scan.messages(data if data.startswith(MAGIC) else b"")
     except (struct.error, UnicodeDecodeError):
-        return
+        scan.whole = False
+    if not scan.whole:
+        raise WideberthError("a record or a chunk is not whole")
 
 
 def check_chunks(path: Path) -> None:
@@ -149,6 +158,12 @@ def _unpacked(body: bytes) -> bytes:
     if len(rest) > LARGEST_CHUNK:
         raise WideberthError(f"a chunk unpacks to more than {LARGEST_CHUNK} bytes")
     return rest
+
+
+def _agrees(body: bytes, records: bytes) -> bool:
+    """Whether the records of a chunk have the size and the checksum that it states."""
+    size, checksum = struct.unpack_from("<QI", body.ljust(28, b"\0"), 16)
+    return len(records) == size and checksum in (0, zlib.crc32(records))
 
 
 def _zstd() -> Any:

@@ -16,6 +16,7 @@ from ..framework.control.end_of_path import Approach, Arrival, Spin
 from ..framework.control.room_to_stop import RoomToStop
 from ..framework.controller import Controller, avoids_polygons
 from ..framework.mpc.planner.in_time import VelocityInTime
+from ..framework.mpc.planner.standing import BLOCKED
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import Array, checked_covariance
@@ -144,7 +145,9 @@ class PlannerNode:
         self._own = OwnMotion(settings.base_frame)
         self._course: FramedPath | None = None  # that is followed
         self._next_course: FramedPath | None = None  # takes its place once it can be laid
-        self._fresh_path = False
+        self._reached: FramedPath | None = None  # to its end, the last one of a topic
+        self._handed: Path | None = None  # to the controller, the last one
+        self._fresh_path = self._anew = False
         self._ends = True  # whether a path ends by itself where the robot reaches its end
         self._wanted: VelocityInTime | None = None
         self._last: Array | None = None
@@ -153,10 +156,8 @@ class PlannerNode:
         self._decided = self._based = self._sent = self._looked = -np.inf
         self._limit = np.inf
         self._turn: SpinGoal | None = None
-        self._room: SpinGoal | None = None
-        """The turn for which there was room at the last look."""
-        still = np.zeros(len(robot.states))
-        self.turns_on_the_spot: bool = turns_on_the_spot(robot, still)
+        self._room: SpinGoal | None = None  # the turn for which there was room at the last look
+        self.turns_on_the_spot: bool = turns_on_the_spot(robot, np.zeros(len(robot.states)))
         """Whether the robot can turn while it stands."""
         self.odometry_came: threading.Event = threading.Event()
         """Set with each odometry."""
@@ -280,7 +281,8 @@ class PlannerNode:
         Its end is up to the caller, see `turn` and `halt`.
         """
         with self._lock:
-            self._turn = None
+            self._turn = self._reached = None
+            self._anew = self._course is None
             self._take_path(FramedPath(frame, points))
             waiting, self._next_course, self._ends = self._next_course, None, False
             return waiting is None and self._course is not None
@@ -353,6 +355,9 @@ class PlannerNode:
         elif self._course is not None and self._course.same(new):
             self._course.end = new.end
         else:
+            before, self._reached = self._course or self._reached, None
+            if before is not None:
+                new.resume(before)
             self._next_course = new
             self._lay_path()
             if new.flaw:
@@ -441,7 +446,7 @@ class PlannerNode:
         pending = new is not None
         try:
             if new is not None:
-                self.controller.set_path(new)
+                self._hand(new)
             pending = False
             for one in earlier:
                 self.controller.remember(one)
@@ -453,12 +458,22 @@ class PlannerNode:
                 self._fresh_path = True
             command = Command((0.0, 0.0))
         else:
-            self.status = DRIVING
+            plan = self.controller.last_plan
+            stands = plan is not None and plan.reason.startswith(BLOCKED)
+            self.status = plan.reason if plan is not None and stands else DRIVING
         with self._lock:
             self._decided, self._based = self._clock(), seen.stamp
             self._command = np.array([*command.linear, command.omega], dtype=np.float64)
             if self._wanted is not None:
                 self._wanted.aim(command, self._decided, self.controller.last_plan)
+
+    def _hand(self, path: Path) -> None:
+        """Hand a path to the controller, which begins anew where it is to drive it once more."""
+        before, anew = self._handed, self._anew
+        self._handed, self._anew = path, False
+        if anew and before is not None and path.resembles(before):
+            self.controller.reset()
+        self.controller.set_path(path)
 
     def _check_spin(self, turn: SpinGoal, seen: list[Observation]) -> None:
         """Let a robot turn whose corners sweep over a disc, if nothing blocks that."""
@@ -515,6 +530,7 @@ class PlannerNode:
                     self._turn = course.end
                 else:
                     self._take_path(None)
+                    self._reached = course
 
     def _observation(self, received: ReceivedMessage) -> tuple[Observation, list[Observation]]:
         """Return the observation of now, and those that the controller remembers first."""

@@ -1,7 +1,7 @@
 """Where a node gets its path from: a topic of paths, or goals to which it plans a route."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, inf, nan, pi, sin
 from typing import final
 
@@ -12,7 +12,7 @@ from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.errors import WideberthError
 from ..framework.values.occupancy_grid import OccupancyGrid
-from ..framework.values.path import Path
+from ..framework.values.path import SAME, Path
 from ..framework.values.path_progress import PathProgress
 from ..framework.values.polygon import Polygon
 from ..routes.inflation import Inflation
@@ -403,6 +403,14 @@ class FramedPath:
         """Whether another path has the same points, in the same frame."""
         return self.end.frame == other.end.frame and np.array_equal(self.points, other.points)
 
+    def resume(self, before: "FramedPath") -> None:
+        """Go on from where the robot was along a path of which this one is the same, moved."""
+        old, new = before._points, self._points
+        if self.end.frame != before.end.frame or old.shape != new.shape:
+            return
+        if before._motion is not None and np.abs(new - old).max() <= SAME:
+            self._progress, self._motion = before._progress, before._motion
+
     def lay(self, own: OwnMotion) -> bool:
         """Lay the path where that is due; return whether `path` is a new one."""
         if own.newest is None:
@@ -416,7 +424,7 @@ class FramedPath:
             self.flaw = own.flaw(frame) or words
             return False
         where = composed(inverted(motion), here)
-        if self._motion is not None:
+        if self._motion is not None and self.path is not None:
             assert self._progress is not None
             self._progress, _ = self._progress.advanced(here[:2])
             if own.carries(frame) or not has_moved(self._motion, motion, where):
@@ -437,7 +445,7 @@ class FramedPath:
         else:  # the search for the robot begins where it was on the path before
             arc, place = self._progress.last
             before = _points_in(_points_in(place[None], inverted(self._motion)), motion)[0]
-            self._progress = PathProgress(path, (arc, before))
+            self._progress = replace(self._progress, path=path, last=(arc, before))
         self._progress, _ = self._progress.advanced(here[:2])
         self.path = path if self._motion is None else self._progress.rest
         self._motion, self.flaw = motion, ""

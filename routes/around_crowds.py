@@ -294,7 +294,7 @@ class AroundCrowds(Controller):
     def reset(self) -> None:
         """Forget everything but settings and path."""
         memory = self._memory
-        memory.crowd, memory.looked, memory.note = None, -np.inf, ""
+        memory.progress, memory.crowd, memory.looked, memory.note = None, None, -np.inf, ""
         self.controller.reset()
         if memory.path is not None:
             self.set_path(memory.path)
@@ -302,7 +302,7 @@ class AroundCrowds(Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
         path, memory = checked_path(self.robot, path), self._memory
-        memory.path, memory.progress = path, PathProgress(path)
+        memory.path, memory.progress = path, (memory.progress or PathProgress(path)).on(path)
         memory.looked, memory.away, memory.note = -np.inf, False, ""
         self.controller.set_path(path)
 

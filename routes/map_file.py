@@ -184,15 +184,15 @@ def _pgm(image: Path, raw: bytes) -> Array:
         raise WideberthError(f"{image}: its largest value is {largest}; wanted 1 to 65535")
     body, pixel = raw[header.end() :], 1 if largest < 256 else 2
     if header[1] == b"P2":
-        words = re.sub(rb"#[^\n]*", b"", body).split()
+        words = re.sub(rb"#[^\n]*", b"", body).split()[: width * height]
         wrong = next((word for word in words if not word.isdigit() or len(word) > 9), None)
         if wrong is not None:
             raise WideberthError(f"{image}: a pixel is {short(wrong)}; wanted whole numbers")
         values = np.array(words, dtype=np.int64)
     else:
-        whole = len(body) - len(body) % pixel
-        values = np.frombuffer(body[:whole], np.dtype(f">u{pixel}")).astype(np.int64)
-    if values.size != width * height or (header[1] == b"P5" and len(body) % pixel):
+        count = min(len(body) // pixel, width * height)  # more than the pixels may stand there
+        values = np.frombuffer(body, np.dtype(f">u{pixel}"), count).astype(np.int64)
+    if values.size < width * height:
         raise WideberthError(
             f"{image}: its header says {width} x {height} = {width * height} pixels, and "
             f"{values.size} follow; write the image anew"

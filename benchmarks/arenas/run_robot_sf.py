@@ -3,11 +3,11 @@
 robot_sf_ll7 (https://github.com/ll7/robot_sf_ll7) is GPL-3.0-only. Nothing of it is copied here:
 this script imports it from a checkout, and belongs to no wheel of ours. In one environment::
 
-    pip install . ./robot_sf_ll7[benchmark] ./robot_sf_ll7/third_party/python-rvo2
+    pip install . ../robot_sf_ll7[benchmark] ../robot_sf_ll7/third_party/python-rvo2
     run="python benchmarks/arenas/run_robot_sf.py"
-    $run run --checkout robot_sf_ll7 --out results/robot_sf --arm orca
-    $run run --checkout robot_sf_ll7 --out results/robot_sf --arm wideberth
-    $run table --checkout robot_sf_ll7 --out results/robot_sf
+    $run run --checkout ../robot_sf_ll7 --out results/robot_sf --arm orca
+    $run run --checkout ../robot_sf_ll7 --out results/robot_sf --arm wideberth
+    $run table --checkout ../robot_sf_ll7 --out results/robot_sf
 
 An arm is ``wideberth`` (`robot_sf_arm.py`, its settings in `robot_sf.yaml`) or a key of their
 campaign. Scenarios, seeds, horizon, step and judge are those of the campaign. Each episode is a

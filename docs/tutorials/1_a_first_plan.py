@@ -11,10 +11,19 @@ robot plans how to get past, and we look at its plan.
 # -----------
 # A planner needs many choices: how people are forecast, how far the robot keeps away, what a comfortable
 # motion is. :py:obj:`~wideberth.recommended` makes all of them for a robot and a speed, and prints what it chose.
+# Lengths are in metres and angles in radians. A robot that is only named, ``"unicycle"``, is that of the paper, with a
+# radius of 0.75 m.
 
 import wideberth
 
-planner = wideberth.recommended("unicycle", speed=1.0)
+robot = {
+    "type": "unicycle",
+    "radius": 0.3,
+    "max_speed": 1.4,
+    "max_yaw_rate": 1.0,
+    "max_yaw_acceleration": 1.0,
+}
+planner = wideberth.recommended(robot, speed=1.0)
 
 # %%
 # The path leads 12 m straight on. The planner follows it where it can.

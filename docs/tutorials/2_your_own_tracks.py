@@ -11,14 +11,14 @@ people in it, and lets a robot plan among them.
 # -------------
 # A row holds ``frame id x y``, in metres, with blanks or commas between them. A header that names these columns may stand
 # above them. The time between two rows is not in the file, so that you have to say it.
-# A table with other columns, ``id,time,x,y`` say, needs three lines of pandas:
+# A table with times in seconds instead of frames is read if its header says so, ``id,time,x,y`` in any order. At
+# whatever rate it was recorded, it is resampled to the time that you say. Other names, or millimetres, need pandas:
 #
 # .. code-block:: python
 #
 #    table = pandas.read_csv("mine.csv")
-#    table["frame"] = (table["time"] / 0.4).round().astype(int)  # rows are 0.4 s apart
-#    # columns of other names, in millimetres: table["x"] = table["pos_x_mm"] / 1000, and so on
-#    table[["frame", "id", "x", "y"]].to_csv("people.txt", sep=" ", header=False, index=False)
+#    table["x"], table["y"] = table["pos_x_mm"] / 1000, table["pos_y_mm"] / 1000
+#    table[["id", "time", "x", "y"]].to_csv("people.csv", index=False)
 #
 # Here we read a recording that comes with the package; put the name of your own file in its place.
 
@@ -82,7 +82,8 @@ print(f"{100 * np.nanmean(inside):.0f} % of the true positions lie inside")
 
 from wideberth import Detection, Observation, Path, recommended
 
-planner = recommended("unicycle", speed=1.0, quiet=True)
+robot = {"type": "unicycle", "radius": 0.3, "max_speed": 1.4}  # as wide as a person
+planner = recommended(robot, speed=1.0, quiet=True)
 planner.set_path(Path([(-2, 6), (-2, -6)]))
 
 

@@ -19,7 +19,7 @@ CALM = {"type": "kalman", "acceleration_density": 0.002}  # m^2/s^3: people who 
 def planner_of(level):
     """Return a planner whose regions hold what this level policy asks for."""
     return controllers.Planner(
-        robot=build("robots", "unicycle"),
+        robot=build("robots", {"type": "unicycle", "radius": 0.3}),
         predictor=build("predictors", CALM),
         region=build("regions", "mahalanobis_ellipse"),
         level=build("levels", level),
@@ -53,8 +53,8 @@ print(planner.plan.rung)
 # ---------------
 # The plan is not ``optimal``: the planner has gone down its ladder of fallback plans, here to ``least violation``. The
 # reason says first what this plan holds of the 95 % that were asked for, from which step on, and because of whom.
-# Then it names each rung that did not hold, and why: ``entered by 0.95 at step 15`` is how deep that rung's plan is in a
-# region, without a unit, and when. The plan that was taken is less deep.
+# Then it names each rung that did not hold, and why, and at last the rung that was taken: ``entered by 0.8 at step 15`` is
+# how deep its plan is in a region, without a unit, and when.
 
 print(planner.plan.reason)
 

@@ -95,7 +95,7 @@ with paper_style():
         ax.plot(pair["duration"], pair["clearance"], "0.7", linewidth=0.6, zorder=0)
     ax.axhline(0.0, color="k", linewidth=0.6)
     ax.set(xlabel="duration (s)", ylabel="smallest clearance (m)")
-    ax.legend(title="a line joins the same situation")
+    figure.legend(title="a line joins the same situation", loc="outside lower center", ncols=2)
     figure.savefig(folder / "caution.pdf")
 
 # %%

@@ -220,7 +220,7 @@ def _show(folder: Path, every: bool = False) -> None:
     from ..engine.line_width import width, wrapped
     from ..engine.result import condense_times
     from ..engine.runner import reopened, written
-    from ..engine.text_tables import columns_of, list_files, print_table
+    from ..engine.text_tables import UNKNOWN, columns_of, list_files, print_table
 
     experiment, result = reopened(folder)
     if experiment is not None:
@@ -230,7 +230,10 @@ def _show(folder: Path, every: bool = False) -> None:
     print_table(chosen.rows, chosen.shares)
     if more := len(columns_of(whole.rows)) - len(columns_of(chosen.rows)):
         typer.echo(f"{more} more columns: wideberth show {folder} --columns {ALL}")
-    typer.echo(f"What a column means: wideberth show {COLUMN} NAME")
+    episodes = {row.get("episodes") for row in whole.rows}
+    if "episodes" not in columns_of(chosen.rows) and len(episodes) == 1 and None not in episodes:
+        typer.echo(f"Episodes in each line: {episodes.pop()}")
+    typer.echo(f"What a column means, and when it is {UNKNOWN}: wideberth show {COLUMN} NAME")
     times = condense_times(result.times)
     if times:
         typer.echo("Calls of the controller, as measured here:")
@@ -340,6 +343,10 @@ def check(
     from ..engine.progress import working
     from .fitting import read_plugin
 
+    if room in ("study", "studies", "experiment", "experiments"):
+        raise WideberthError(
+            f"studies have no contract check; `wideberth run {target} --quick` tries one"
+        )
     kind = room_name(room).removesuffix("s")
     checks = [name.removeprefix("check_") for name in testing.CHECKS]
     if kind not in checks:
@@ -391,7 +398,10 @@ def fit(
     ],
     recordings: Annotated[
         list[str],
-        Argument(help="Text files (`frame id x y` or `time x y theta`) or folders of *.txt."),
+        Argument(
+            help="Text files (`frame id x y`; below a header that names them `id`, `time`, `x`, "
+            "`y`, at any rate; or `time x y theta`) or folders of *.txt."
+        ),
     ],
     dt: Annotated[float, Option(help="Seconds between rows of the tracks.")],
     out: Annotated[Path, Option(help="JSON file of the fitted predictor.")],
@@ -463,7 +473,7 @@ def show(
     folder = result_folder(result)
     if not (folder / "config.yaml").is_file():
         _mean_config(result)
-    every, names = columns == ALL, columns.split(",") if columns not in ("", ALL) else []
+    every, names = columns == ALL, _split(columns) if columns != ALL else []
     if not (names or pivot or latex or markdown):
         _show(folder, every)
         return
@@ -476,7 +486,7 @@ def show(
     check_finished(folder)
     if not (names or pivot or every):
         names = text_tables.columns_of(extract.answers(folder).rows)
-    chosen = extract.extract(folder, names, pivot.split(",") if pivot else ())
+    chosen = extract.extract(folder, names, _split(pivot))
     if chosen.note:
         say(chosen.note)
     if latex or markdown:
@@ -493,7 +503,7 @@ def show(
 
 def _config_text(word: str, name: str, part: bool) -> str:
     """Return the shipped file that the two words of `wideberth show` mean."""
-    from ..engine.column_descriptions import column_meanings
+    from ..engine.column_descriptions import column_meanings, dash_meaning
     from ..engine.line_width import width, wrapped
     from ..engine.shipped_configs import shipped_text
     from .describing import is_config_room
@@ -502,7 +512,9 @@ def _config_text(word: str, name: str, part: bool) -> str:
     if word == "ros":
         return ros_file(name)
     if word == COLUMN and not part:
-        return "".join(f"{wrapped(line, width())}\n" for line in column_meanings(name))
+        meanings = column_meanings(name)
+        lines = [*meanings, dash_meaning(meanings)]
+        return "".join(f"{wrapped(line, width())}\n" for line in lines)
     if not is_config_room(word):
         raise WideberthError(
             f"show takes one result, and {word!r} and {name!r} were given; two words are "
@@ -541,6 +553,11 @@ def new(
             read_experiment(config, [])
     except WideberthError as error:  # of an extra that is not installed
         typer.echo(f"first: {error}")
+
+
+def _split(columns: str) -> list[str]:
+    """Return the names of a list of columns, which commas separate, with spaces or without."""
+    return [name.strip() for name in columns.split(",")] if columns else []
 
 
 def _mean_config(word: str) -> None:

@@ -79,15 +79,31 @@ def _known_room(word: str) -> str:
 
 
 def room_lines(room: str, columns: int | None = None) -> Iterator[str]:
-    """Yield a line per name of a room, see `lines`; the shipped configs by their studies."""
+    """Yield a line per name of a room, see `lines`; the shipped configs by their studies.
+
+    A robot's line states the radius that it has unless stated.
+    """
     if not is_config_room(room):
-        yield from lines(listed(room), columns=columns)
+        table = listed(room)
+        if _known_room(room) == "robots":
+            table = {name: f"{text}{_default_radius(name)}" for name, text in table.items()}
+        yield from lines(table, columns=columns)
         return
     claims = listed(room)
     for study, names in by_study().items():
         yield f"{study}:"
         inner = lines({name: claims[name] for name in names}, columns=columns and columns - 2)
         yield from (indent(line, "  ") for line in inner)
+
+
+def _default_radius(robot: str) -> str:
+    """Return a sentence on the radius that a robot has unless stated; empty where it has none."""
+    try:
+        entries = dataclasses.fields(load("robots", robot))
+    except (WideberthError, TypeError):  # cannot be imported, or no dataclass
+        return ""
+    default = next((entry.default for entry in entries if entry.name == "radius"), None)
+    return f" Radius {default:g} m unless stated." if isinstance(default, int | float) else ""
 
 
 def lines(table: dict[str, str], most: int = 22, columns: int | None = None) -> Iterator[str]:

@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ...framework.controller import WrapsController
-from ...framework.mpc.costs.base import ProgressCost
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
-from ...framework.mpc.ocp.progress_robot import progress_robot_of
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from ...framework.mpc.planner.planner import Planner, planner_behind
 from ...framework.mpc.planner.settings import changed
+from ...framework.mpc.problem_robot import robot_of_problem
 from ...framework.mpc.slots.base import CAPACITIES, LevelledKind, SlotKind
 from ...framework.mpc.slots.static_polygons import CORNERS
 from ...framework.mpc.solver import Solution, Solver
@@ -216,8 +215,7 @@ def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subje
         reason = decision.plan.reason
         raise WideberthError(f"{source}: the planner makes no problem to export: {reason}")
     problem, parameters, guess = taker.taken[0]
-    progress = isinstance(planner.cost, ProgressCost)
-    robot = progress_robot_of(planner.robot) if progress else planner.robot
+    robot = robot_of_problem(planner.robot, planner.cost, planner.dt)
     return Subject(
         problem, parameters, guess, robot, planner.kinds, planner.cost,
         describe(planner), source,

@@ -8,7 +8,14 @@ from typing import Any
 
 from ...framework.plugins.config import build, describe, import_plugins, load_plugin
 from ...framework.plugins.io import expanded
-from ...framework.plugins.registry import class_path, load, name_of, names, unknown
+from ...framework.plugins.registry import (
+    class_path,
+    find_modules_beside,
+    load,
+    name_of,
+    names,
+    unknown,
+)
 from ...framework.plugins.yamlfile import apply, read_config
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.recordings import Recording
@@ -68,6 +75,7 @@ def _config(kind: str, text: str) -> dict[str, Any]:
         return {"type": text}
     if path.suffix == ".json":
         return {"saved": str(path)}
+    find_modules_beside(path)
     config = read_config(path)
     if kind in config and set(config) <= {kind, "plugins"}:
         inner = config.pop(kind)
@@ -127,7 +135,10 @@ def _files(path: Path) -> list[str]:
         return [str(path)]
     found = sorted(str(file) for file in path.glob(PATTERN) if file.is_file())
     if not found:
-        raise WideberthError(f"{path} is a folder without a file {PATTERN}; wanted recordings")
+        raise WideberthError(
+            f"{path} is a folder without a file {PATTERN}; wanted recordings: give files of other "
+            f"names themselves, as in {path / '*.csv'}"
+        )
     return found
 
 

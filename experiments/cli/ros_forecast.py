@@ -7,7 +7,7 @@ from typing import Any
 from numpy import quantile
 
 from ...framework.plugins.config import build, construct, import_plugins
-from ...framework.plugins.registry import unknown
+from ...framework.plugins.registry import find_modules_beside, unknown
 from ...framework.plugins.yamlfile import read_config
 from ...framework.predictor import Predictor
 from ...framework.values.errors import WideberthError
@@ -32,6 +32,7 @@ def read_forecast(path: Path, overrides: Sequence[str]) -> tuple[Predictor, Fore
     ------
     WideberthError : no such file, a key that is not known, a value that does not fit.
     """
+    find_modules_beside(path)
     config = read_config(path, list(overrides))
     for key in config:
         if key not in KEYS:

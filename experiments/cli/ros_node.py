@@ -13,7 +13,7 @@ from numpy import quantile
 from ...framework.controller import Controller, DrivesRobot
 from ...framework.plugins.config import build, construct, import_plugins
 from ...framework.plugins.io import expanded
-from ...framework.plugins.registry import unknown
+from ...framework.plugins.registry import find_modules_beside, unknown
 from ...framework.plugins.yamlfile import read_config
 from ...framework.route_planner import RoutePlanner
 from ...framework.values.arrays import positive
@@ -47,6 +47,7 @@ def read_node(path: Path, overrides: Sequence[str]) -> tuple[Controller, NodeSet
     WideberthError : no such file, a key that is not known, a value that does not fit, or a
         controller that does not know its robot.
     """
+    find_modules_beside(path)
     config = read_config(path, list(overrides))
     for key in config:
         if key not in KEYS:

@@ -219,7 +219,7 @@ class Onlooker:
         most = max((len(one.idents) for one in beliefs), default=0)
         self._words = [
             panel.text(0.0, 0.0, "", color=colour, fontsize=7, ha="center", va="bottom",
-                       path_effects=stroke, clip_on=True)
+                       path_effects=stroke, clip_on=True, parse_math=False)
             for _ in range(min(most, MOST))
         ]  # fmt: skip
 

@@ -103,6 +103,25 @@ def name_columns(panel: Any, names: Sequence[str]) -> None:
     panel.grid(axis="x", visible=False)
 
 
+def print_dollars(figure: "Figure") -> None:
+    r"""Print dollar signs of names as they are; a formula has a command, as in `\rho`.
+
+    Names come from configs, recordings and plug-ins, and matplotlib reads what stands between two
+    dollar signs as a formula.
+    """
+    from matplotlib.mathtext import MathTextParser
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        words = text.get_text()
+        if "$" in words:
+            try:
+                MathTextParser("path").parse(words)
+            except ValueError:
+                words = ""
+            text.set_parse_math("\\" in words)
+
+
 def save(figure: "Figure", folder: Path, name: str) -> list[Path]:
     """Write ``name``.png and ``name``.pdf and return both files.
 
@@ -110,6 +129,7 @@ def save(figure: "Figure", folder: Path, name: str) -> list[Path]:
     """
     import io
 
+    print_dollars(figure)
     folder.mkdir(parents=True, exist_ok=True)
     plain = {
         "png": {"Software": None},

@@ -47,6 +47,15 @@ def mark(panel: Any, rows: Sequence[Row], time: str, look: Look) -> tuple[float,
     return middle, typical
 
 
+def nest(panel: Any) -> None:
+    """Enlarge markers below others at the same place, so that each of them is seen."""
+    markers = [line for line in panel.lines if line.get_marker() != "None"]
+    for i, marker in enumerate(markers):
+        place = np.ravel(marker.get_data())
+        above = sum(np.allclose(place, np.ravel(one.get_data())) for one in markers[i + 1 :])
+        marker.set_markersize(5.0 + 4.0 * above)
+
+
 def say_empty(panel: Any) -> None:
     """Say in a panel without markers why it has none, instead of ticks that mean nothing."""
     panel.set(xticks=[], yticks=[])

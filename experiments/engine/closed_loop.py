@@ -12,8 +12,10 @@ from ...controllers.reactive import Reactive
 from ...framework.controller import Controller, fresh
 from ...framework.mpc.planner.planner import planner_behind
 from ...framework.mpc.planner.recommended import slow_aside
+from ...framework.mpc.planner.standing import misfit
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array
+from ...framework.values.passage import passable
 from ...metrics.statistics import known_mean
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
@@ -77,7 +79,7 @@ def check_starts(
     """Initialise every controller in every scenario without stepping.
 
     A warning is logged where a planner's robot is slow for the people of a scenario, see
-    `slow_aside`.
+    `slow_aside`, or does not fit between the polygons along its path.
 
     Parameters
     ----------
@@ -97,7 +99,15 @@ def check_starts(
         others = cast.people or cast.bystanders or cast.rules is not None
         planners = [one for each in controllers.values() if (one := planner_behind(each))]
         speeds = {one.reference_speed for one in planners} if others else set()
-        for words in filter(None, (slow_aside(robot, speed) for speed in sorted(speeds))):
+        tight = [
+            misfit(room)
+            for path in (one.path for one in cast.placements if robot.dimension == 2)
+            for room in sorted({one.room_at_walls for one in planners})
+            if not passable(path, 0.0, path.length, room, (), cast.polygons)
+        ]
+        for words in filter(
+            None, [*(slow_aside(robot, speed) for speed in sorted(speeds)), *tight]
+        ):
             LOG.warning("%s: %s", place, words)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from ...framework.plugins.registry import names
 from ...framework.values.errors import WideberthError, nearest, short
 from .places import page_address
+from .text_tables import UNKNOWN, column_named
 
 PAGES = Path(__file__).resolve().parents[2] / "docs"
 """Folder of the pages."""
@@ -83,11 +84,18 @@ def shares(study: str, columns: Sequence[str]) -> frozenset[str]:
 def column_meanings(column: str) -> list[str]:
     """Return what a column means: a line for each definition, with the studies that it is of.
 
+    Parameters
+    ----------
+    column : its name, or its heading in a printed table.
+
     Raises
     ------
     WideberthError : no page defines a column of this name.
     """
     studies: dict[str, set[str]] = {}
+    column = (
+        column_named(column, (name for table in _tables() for name in table.columns)) or column
+    )
     for table in _tables():
         if column in table.columns:
             studies.setdefault(table.columns[column], set()).update(table.studies)
@@ -102,6 +110,16 @@ def column_meanings(column: str) -> list[str]:
         + f": {text}{'; printed in per cent' * bool(_SHARE.match(text))}"
         for text, of in studies.items()
     ]
+
+
+def dash_meaning(meanings: Sequence[str]) -> str:
+    """Return when a printed table has a dash below a column with these meanings."""
+    if any("NaN" in line for line in meanings):
+        return f"A dash ({UNKNOWN}) in a printed table is NaN."
+    return (
+        f"A dash ({UNKNOWN}) in a printed table: the line has no episode, pair, plan or step that "
+        "counts for this column, or it was not measured."
+    )
 
 
 def defined_columns() -> list[str]:

@@ -28,7 +28,8 @@ def table_text(rows: Iterable[Mapping[str, Any]]) -> str:
     Columns stand in the order in which they first appear; a row that lacks one leaves it
     empty. Floats are written by ``repr`` (the shortest text that reads back as the same
     number); None is an empty cell. Cells hold numbers, text, booleans or None. Text that
-    looks like one of the others ("12", "True", "") reads back as that.
+    looks like one of the others ("12", "True", "") reads back as that. Cells with commas,
+    quotes or line ends, a carriage return alone too, stand in quotes.
 
     Raises
     ------
@@ -36,12 +37,21 @@ def table_text(rows: Iterable[Mapping[str, Any]]) -> str:
     """
     rows = list(rows)
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_cell(name, row.get(name)) for name in columns])
-    return buffer.getvalue()
+    lines = [columns, *([_cell(name, row.get(name)) for name in columns] for row in rows)]
+    return "".join(f"{_line(cells)}\n" for cells in lines)
+
+
+def _line(cells: list[str]) -> str:
+    """Return cells as a line of CSV.
+
+    Of the versions of Python's csv module some leave a carriage return without quotes.
+    """
+    if cells == [""]:
+        return '""'  # an empty line would be no row
+    return ",".join(
+        f'"{cell.replace(chr(34), 2 * chr(34))}"' if re.search(r'[",\r\n]', cell) else cell
+        for cell in cells
+    )
 
 
 def _cell(column: str, value: Any) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from ...draw.style import MINUS
 from ...framework.plugins.registry import as_data, load
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest, short
@@ -17,6 +18,7 @@ from .csv_tables import Row, read_table
 from .inside import inside
 from .text_tables import (
     UNKNOWN,
+    column_named,
     columns_of,
     format_cell,
     has_words,
@@ -59,7 +61,7 @@ def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()
     Parameters
     ----------
     folder : of a finished run.
-    columns : names, in the order in which they are wanted.
+    columns : names or printed headings, in the order in which they are wanted.
     pivot : the column that names the lines, the one that names the columns, and the measure
         that fills the cells. Of several lines for one cell the mean is taken.
 
@@ -75,7 +77,7 @@ def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()
             "the columns, and the measure, as in predictor,region,clearance_min_m"
         )
     wanted = list(columns or pivot)
-    name, rows = _table_with(folder, wanted)
+    name, rows, wanted = _table_with(folder, wanted)
     study = study_of(folder)
     if pivot:
         return _pivoted(name, rows, wanted, wanted[2] in shares(study, wanted))
@@ -135,17 +137,18 @@ def answering(study: str, rows: Sequence[Row]) -> list[str]:
     return main_columns(rows, printed)
 
 
-def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
-    """Return the first table that has all these columns, and its name."""
+def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row], list[str]]:
+    """Return the first table that has all columns, by name or heading; its name, and theirs."""
     known: list[str] = []
     for name in ("summary.csv", "table.csv", "times.csv"):
         path = inside(folder, name)
         rows = read_table(path) if path.is_file() else []
-        if rows and set(wanted) <= set(rows[0]):
-            return name, rows
+        columns = [column_named(text, rows[0] if rows else ()) for text in wanted]
+        if rows and all(columns):
+            return name, rows, columns
         known += columns_of(rows)
     for column in wanted:
-        if column not in known:
+        if not column_named(column, known):
             near = nearest(column, known) or ";"
             raise WideberthError(
                 f"unknown column {short(column)}{near} `wideberth show {folder} --columns all` "
@@ -163,19 +166,40 @@ def _pivoted(name: str, rows: Sequence[Row], pivot: Sequence[str], share: bool) 
             raise WideberthError(
                 f"the column {measure!r} holds text; the measure of a pivot is a number"
             )
-        cells.setdefault((row[lines], row[across]), []).append(float(value))
-    heads = {label: with_unit(across, label) for _, label in cells}
+        cells.setdefault((_label(row[lines]), _label(row[across])), []).append(float(value))
+    heads = _apart({label: with_unit(across, label) for _, label in cells}, across, [lines])
+    names = _apart({line: format_cell(line) for line, _ in cells}, "", [])
+    alike = len({format_cell(line) for line in names}) < len(names)
     found = [
         {
-            lines: line,
+            lines: name if alike else line,
             **{head: _mean(cells.get((line, label), ())) for label, head in heads.items()},
         }
-        for line in dict.fromkeys(line for line, _ in cells)
+        for line, name in names.items()
     ]
     most = max(map(len, cells.values()), default=0)
     note = f"each cell is the mean of up to {most} lines of {name}" if most > 1 else ""
     held = frozenset(heads.values()) if share else frozenset[str]()
     return Extract(found, headed(measure, share), note, held)
+
+
+def _label(value: Any) -> Any:
+    """Return a cell that equals itself: all numbers that are not known are one label."""
+    return nan if value != value else value
+
+
+def _apart(texts: Mapping[Any, str], column: str, taken: Sequence[str]) -> dict[Any, str]:
+    """Return label -> text, all different: with all digits, and numbered, if some are alike."""
+    if len({*texts.values(), *taken}) < len(texts) + len(taken):
+        texts = {label: with_unit(column, label, "") for label in texts}
+    apart: dict[Any, str] = {}
+    for label, text in texts.items():
+        name, count = text, 1
+        while name in (*apart.values(), *taken):
+            count += 1
+            name = f"{text} ({count})"
+        apart[label] = name
+    return apart
 
 
 def _mean(values: Sequence[float]) -> float:
@@ -211,7 +235,7 @@ def latex_text(chosen: Extract) -> str:
     sides = "".join("l" if has_words(rows, name) else "r" for name in names)
     errors = [chosen.errors.get(name) for name in columns_of(chosen.rows)]
     columns = [
-        aligned([row.get(name) for row in rows], error)
+        _with_minus([row.get(name) for row in rows], error)
         for name, error in zip(names, errors, strict=True)
     ]
     above = f" & \\multicolumn{{{len(names) - 1}}}{{c}}{{{_latex(chosen.measure)}}} \\\\"
@@ -227,8 +251,16 @@ def latex_text(chosen: Extract) -> str:
     ])  # fmt: skip
 
 
+def _with_minus(values: Sequence[Any], error: float | None) -> list[str]:
+    """Return the cells of a column as `aligned` does, their numbers with a minus sign."""
+    return [
+        cell if isinstance(value, str) else cell.replace("-", MINUS)
+        for value, cell in zip(values, aligned(values, error), strict=True)
+    ]
+
+
 def _latex_line(cells: Sequence[str]) -> str:
-    line = " & ".join(map(_latex, cells))
+    line = " & ".join(map(_latex, cells)).lstrip()
     option = line.startswith(("[", "*"))  # as which LaTeX reads these behind a line's end
     return f"{'{}' * option}{line} \\\\"
 
@@ -295,13 +327,15 @@ def _aligned(value: Any, decimals: int) -> str:
     if isinf(value):
         return f"{'-' * (value < 0)}{_ENDLESS}"
     last = 10.0**-decimals
-    return f"<{last:.{decimals}f}" if 0.0 < value < 0.5 * last else f"{value:.{decimals}f}"
+    if 0.0 < value < 0.5 * last:
+        return f"<{last:.{decimals}f}"
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"  # of -0.0 this is 0.0
 
 
 _SPECIAL = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "<": "$<$", ">": "$>$", UNKNOWN: "--", _ENDLESS: r"$\infty$",
+    "<": "$<$", ">": "$>$", UNKNOWN: "--", _ENDLESS: r"$\infty$", MINUS: "$-$",
 }  # fmt: skip
 """Character -> how LaTeX writes it."""
 

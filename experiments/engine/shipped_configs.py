@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, get_origin, get_type_hints
 
 from ...framework.plugins.config import build, import_plugins
-from ...framework.plugins.registry import load, unknown
+from ...framework.plugins.registry import find_modules_beside, load, unknown
 from ...framework.plugins.yamlfile import assign, parsed, read_config
 from ...framework.values.errors import WideberthError, nearest, short
 
@@ -95,7 +95,9 @@ def study_of_config(name: str) -> str:
 
 def read_experiment(text: str, overrides: list[str]) -> "tuple[Experiment, list[str]]":
     """Return the experiment that a config describes, and the plug-in modules it lists."""
-    return built(read_config(config_path(text)), map(parsed, overrides))
+    path = config_path(text)
+    find_modules_beside(path)
+    return built(read_config(path), map(parsed, overrides))
 
 
 def built(given: Mapping[str, Any], changes: "Iterable[Change]") -> "tuple[Experiment, list[str]]":

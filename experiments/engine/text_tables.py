@@ -1,6 +1,7 @@
 """Tables of results as text: in a terminal that they fit, and as Markdown."""
 
-from collections.abc import Collection, Sequence
+import re
+from collections.abc import Collection, Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -46,26 +47,47 @@ def headed(column: str, share: bool = False) -> str:
     return " ".join([*words, last])
 
 
-def with_unit(column: str, value: Any) -> str:
-    """Return a value as a heading, with the unit that the name of its column states.
+def column_named(text: str, columns: Iterable[str]) -> str:
+    """Return the column that a name means, or a printed heading; "" for none.
 
     Examples
     --------
-    >>> with_unit("delay_s", 0.5), with_unit("region", "box_1")
-    ('0.5 s', 'box_1')
+    >>> column_named("time mean (s)", ["success", "time_mean_s"])
+    'time_mean_s'
     """
-    unit = UNITS.get(column.rpartition("_")[2], "") if isinstance(value, int | float) else ""
-    return f"{format_cell(value)} {unit}".rstrip()
+    columns, words = list(columns), " ".join(text.split())
+    headings = (name for name in columns if words in (headed(name), headed(name, share=True)))
+    return text if text in columns else next(headings, "")
+
+
+def with_unit(column: str, value: Any, form: str = ".4g") -> str:
+    """Return a value as a heading, with the unit that the name of its column states.
+
+    Parameters
+    ----------
+    form : of a float, as after the colon in an f-string.
+
+    Examples
+    --------
+    >>> with_unit("delay_s", -0.5), with_unit("region", "box_1")
+    ('−0.5 s', 'box_1')
+    """
+    if not isinstance(value, int | float):
+        return format_cell(value)
+    unit = UNITS.get(column.rpartition("_")[2], "")
+    from ...draw.style import MINUS  # imports NumPy, which completion does not wait for
+
+    return f"{format_cell(value, form).replace('-', MINUS)} {unit}".rstrip()
 
 
 UNKNOWN = "\u2013"
 """Stands for a number that is not known."""
 
 
-def format_cell(value: Any) -> str:
+def format_cell(value: Any, form: str = ".4g") -> str:
     """Return a cell as text: a float with four digits, a dash for NaN, None empty."""
     if isinstance(value, float):
-        return UNKNOWN if value != value else f"{value:.4g}"
+        return UNKNOWN if value != value else format(value + 0.0, form)  # of -0.0 this is 0.0
     return "" if value is None else str(value)
 
 
@@ -244,9 +266,14 @@ def plain(text: str) -> str:
     --------
     >>> plain("<b>a_b*</b> `x` [y]")
     '&lt;b&gt;a_b\\*&lt;/b&gt; \\`x\\` \\[y\\]'
+    >>> plain("_a_b_ costs $5 ~ $6")
+    '\\_a_b\\_ costs \\$5 \\~ \\$6'
     """
     for sign, written in (("\\", "\\\\"), ("&", "&amp;"), ("<", "&lt;"), (">", "&gt;")):
         text = text.replace(sign, written)
-    for sign in "|*`[]":  # an underscore inside a word is one
-        text = text.replace(sign, f"\\{sign}")
+    text = re.sub(r"[|*`\[\]$~]|(?<!\w)_+|_+(?!\w)", _escaped, text)  # not underscores in a word
     return " ".join(text.split())
+
+
+def _escaped(signs: re.Match[str]) -> str:
+    return "".join(f"\\{sign}" for sign in signs[0])

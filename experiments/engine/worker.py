@@ -21,6 +21,7 @@ from typing import Any
 
 from ...framework.control.rate_limited_warnings import quiet
 from ...framework.plugins.config import import_plugins
+from ...framework.plugins.registry import MODULE_FOLDERS
 from ...framework.values.errors import WideberthError
 from ...framework.values.failures import reporting
 from . import thread_limits
@@ -38,11 +39,13 @@ class Job:
     ----------
     experiment : pickled; opened after the plug-ins are imported.
     plugins : modules to import first.
+    folders : where they may be, besides the working folder.
     environment : what must be the same in a worker, by its name.
     """
 
     experiment: bytes
     plugins: tuple[str, ...]
+    folders: tuple[str, ...]
     environment: Mapping[str, str | None]
 
 
@@ -51,7 +54,8 @@ def pack_job(experiment: Experiment, plugins: Sequence[str]) -> bytes:
     import cloudpickle
 
     packed = cloudpickle.dumps(experiment)
-    return pickle.dumps(Job(packed, tuple(plugins), environment(experiment, plugins)))
+    needs = environment(experiment, plugins)
+    return pickle.dumps(Job(packed, tuple(plugins), tuple(MODULE_FOLDERS), needs))
 
 
 def environment(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None]:
@@ -96,9 +100,10 @@ def open_job(packed: bytes) -> Experiment:
         differs from the driver in its `environment`.
     """
     thread_limits.pin()
-    if "" not in sys.path:
-        sys.path.append("")  # modules in the folder where the worker was started
     job: Job = pickle.loads(packed)
+    for folder in ("", *job.folders):  # "" is the folder where the worker was started
+        if folder not in sys.path:
+            sys.path.append(folder)
     import_plugins(job.plugins)
     try:
         experiment: Experiment = pickle.loads(job.experiment)

@@ -114,7 +114,10 @@ class Recorded:
 
     def label(self, differing: Sequence[str]) -> str:
         """Name it by some of its labels, or as its file where there are none."""
-        some = ", ".join(self.labels.get(name, "") for name in differing)
+        some = ", ".join(
+            f"seed {self.labels['seed']}" if name == "seed" else self.labels.get(name, "")
+            for name in differing
+        )
         return some.replace("_", " ") or self.name
 
     def html(self, differing: Sequence[str]) -> str:

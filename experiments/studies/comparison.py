@@ -7,14 +7,22 @@ from typing import Any, ClassVar, Self, final
 
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import driving
+from ...metrics.statistics import known_mean
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
-from ..engine.closed_loop import EPISODE_CAPTIONS, check_starts, inputs_of, log_name
+from ..engine.closed_loop import EPISODE_CAPTIONS, check_starts, column, inputs_of, log_name
 from .agility import agile
 from .comparison_figures import CAPTIONS, summary_pictures
 from .episode_statistics import ANSWERS, SOURCES, against, by_controller, condensed
-from .episodes import SeededStudy, check_robots, check_shown, episode_pictures, measured
+from .episodes import (
+    SeededStudy,
+    check_robots,
+    check_shown,
+    episode_metric,
+    episode_pictures,
+    measured,
+)
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 
 
@@ -41,6 +49,8 @@ class Comparison(SeededStudy):
     oracle : controller that knows the future; the extra time against it is the
         ``price_of_uncertainty_s``. Empty for none.
     show : seeds whose episodes are kept and drawn; one of each scenario is animated.
+    metrics : columns of your own, by name: "module:function", which takes an `Episode` and returns
+        a number. The summary has its mean over the episodes.
     """
 
     claim: ClassVar[str] = (
@@ -64,6 +74,7 @@ class Comparison(SeededStudy):
     oracle: str = ""
     show: tuple[int, ...] = ()
     agility: tuple[str, ...] = ()
+    metrics: dict[str, str] = field(default_factory=dict)
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
@@ -93,6 +104,8 @@ class Comparison(SeededStudy):
 
     def check(self) -> None:
         """Begin an episode of the first seed in every scenario with every robot and controller."""
+        for target in self.metrics.values():
+            episode_metric(target)
         for robot in self._plants.values():
             driven = {name: driving(one, robot) for name, one in self.controllers.items()}
             check_starts(self.scenarios, robot, driven, self.first_seed)
@@ -103,7 +116,8 @@ class Comparison(SeededStudy):
             entries[task.settings[column]] for column, entries in self._axes.items()
         )
         driven = driving(controller, robot)
-        return measured(scenario, robot, driven, settings, task, self.tail, self.show)
+        shared = task, self.tail, self.show, self.metrics
+        return measured(scenario, robot, driven, settings, *shared)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per scenario, robot, settings and controller, paired with the baseline.
@@ -117,6 +131,7 @@ class Comparison(SeededStudy):
             played = by_controller(some)
             for name, own in played.items():
                 line = {**head, "controller": name, **condensed(own)}
+                line |= {metric: known_mean(column(own, metric)) for metric in self.metrics}
                 line |= against(own, played[self._baseline])
                 if self.oracle:
                     price = against(own, played[self.oracle])["time_difference_s"]

@@ -11,6 +11,7 @@ from ..drawing.trade_off_markers import (
     front_legend,
     front_looks,
     mark,
+    nest,
     say_empty,
     widen,
     widen_time,
@@ -121,18 +122,15 @@ def _bar(panel: Any, place: float, rows: Sequence[Row]) -> None:
     left = 0.0
     for name, look in PARTS.items():
         panel.barh(
-            place, found[name], 0.7, left, edgecolor="black", linewidth=0.5, label=name, **look
+            place, found[name], 0.4, left, edgecolor="black", linewidth=0.5, label=name, **look
         )
         left += found[name]
     if len(rows) < ENOUGH:
         return
-    for name, aside in (("success", 0.17), ("collision", -0.17)):
+    for name, aside in (("success", 0.31), ("collision", -0.31)):  # beside the bar's hatching
         ends = np.array([found[f"{name}_low"], found[f"{name}_high"]])
         ends = ends if name == "success" else 1.0 - ends
-        for width, colour in ((2.2, "white"), (1.0, "black")):
-            panel.plot(
-                ends, [place + aside] * 2, "|-", color=colour, linewidth=width, markersize=4
-            )
+        panel.plot(ends, [place + aside] * 2, "|-", color="black", linewidth=1.0, markersize=4)
 
 
 def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
@@ -146,6 +144,7 @@ def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
             name: mark(panel, own, "success_time", looks[name])
             for name, own in by_controller(some).items()
         }
+        nest(panel)
         never = [title(name) for name, place in places.items() if place is None]
         missing = [fill(f"(no success: {', '.join(never)})", 36)] if never else []
         if len(never) == len(places):
@@ -205,6 +204,8 @@ def _pairs_legend(figure: Any, counts: Sequence[int]) -> None:
         entries, words = [], "there is no seed at which both arrived: no times to compare"
     elif min(counts) < ENOUGH:
         words += f" (no interval of fewer than {ENOUGH})"
+    if counts:
+        words += "\np of equal times by Wilcoxon's test, of equal success by McNemar's"
     figure.legend(
         handles=entries, loc="outside lower center", ncols=3, title=words, title_fontsize=7
     )
@@ -224,7 +225,8 @@ def _difference(panel: Any, place: float, own: Sequence[Row], base: Sequence[Row
         panel.plot(found["time_difference_s"], place, "D", color="black", markersize=3)
     count = f"{found['only_this']} to {found['only_baseline']}"
     chance = number(found["p_success"], ".2g")
-    alone = f"both arrived: {len(known)}; one alone: {count}, p = {chance}"
+    times = f"p = {number(found['p_time'], '.2g')}; " if len(known) else ""
+    alone = f"both arrived: {len(known)}; {times}one alone: {count}, p = {chance}"
     panel.annotate(
         alone, (1.0, place), xycoords=("axes fraction", "data"), xytext=(-2, 3),
         textcoords="offset points", ha="right", va="bottom", fontsize=5.5,

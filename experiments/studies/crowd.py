@@ -14,6 +14,7 @@ from ...framework.tracking.recordings import (
     TRACK_COLUMNS,
     Recording,
     doubts,
+    is_number,
     named_columns,
     read_robot_log,
     read_rows,
@@ -58,9 +59,10 @@ class TrackFile:
         come with the package.
     dt : s. Of ``frame id x y`` the time between rows, which the file does not hold; all others
         are resampled to it.
-    frames_per_row : frame numbers between rows; by default the smallest step within a track.
-    kind : "tracks" (``frame id x y``), "robot-log" (``time x y theta``), "thor-magni" (a CSV of
-        that dataset, which "auto" knows by its header), "jrdb" (labels_3d of that one, a .json) or
+    frames_per_row : frame numbers between rows; by default the usual step within a track.
+    kind : "tracks" (``frame id x y``, or below a header ``id time x y``), "robot-log" (``time x
+        y theta``), "thor-magni" (a CSV of that dataset, which "auto" knows by its header), "jrdb"
+        (labels_3d of that one, a .json) or
         "bag", a recording of ROS 2, known by its files. The first two have four columns: "auto"
         goes by a header, as a comment or not, if there is one. Otherwise it takes a file for a
         robot log if a value of its first column has a fraction; or if the first column increases
@@ -174,11 +176,10 @@ def guess_kind(file: File) -> Kind:
         return "robot-log" if named == ROBOT_COLUMNS else "tracks"
     first, second = [], []
     for _, words in read_rows(file, TRACK_COLUMNS):
-        try:
-            first.append(float(words[0]))
-            second.append(float(words[1]))
-        except ValueError:  # a name, or something that the reader will refuse with its line
+        if not all(map(is_number, words[:2])):  # a name, or what the reader will refuse
             return "tracks"
+        first.append(float(words[0]))
+        second.append(float(words[1]))
     clock, other = np.array(first), np.array(second)
     rising = bool((np.diff(clock) > 0).all())
     if _fraction(clock) or (rising and _fraction(other)):

@@ -13,7 +13,7 @@ from ..engine.base import Row
 from ..engine.closed_loop import column, group
 
 SOURCES = (
-    "clopper1934use,mcnemar1947note,efron1993introduction,perezhigueras2023hunavsim,"
+    "clopper1934use,mcnemar1947note,wilcoxon1945individual,efron1993introduction,perezhigueras2023hunavsim,"
     "biswas2022socnavbench,balasubramanian2015analysis"
 )
 """Keys of what the columns of `measured`, `condensed` and `against` are taken from."""
@@ -108,11 +108,11 @@ def infeasible(rows: Sequence[Row]) -> Row:
 def against(rows: Sequence[Row], others: Sequence[Row]) -> Row:
     """Compare a controller with another one, seed by seed.
 
-    ``only_this`` and ``only_baseline`` count the seeds at which one succeeded alone,
-    ``p_success`` is McNemar's; ``time_difference_s`` is the mean of this one's time minus the
-    other's over the seeds at which both succeeded, with its bootstrap interval of 95 %: NaN of
-    fewer than `ENOUGH` such seeds, as figures have none. A controller is not compared with itself:
-    there p value and difference are NaN.
+    ``only_this`` and ``only_baseline`` count the seeds at which one succeeded alone, ``p_success``
+    is McNemar's and ``p_time`` Wilcoxon's, see `signed_rank`; ``time_difference_s`` is the mean of
+    this one's time minus the other's over the seeds at which both succeeded, with its bootstrap
+    interval of 95 %: NaN of fewer than `ENOUGH` such seeds, as figures have none. A controller is
+    not compared with itself: there p value and difference are NaN.
     """
     this, other = paired(rows, others, "success"), paired(others, rows, "success")
     gap = paired(rows, others, "success_time") - paired(others, rows, "success_time")
@@ -125,8 +125,23 @@ def against(rows: Sequence[Row], others: Sequence[Row]) -> Row:
         "only_this": int(np.sum(this > other)),
         "only_baseline": int(np.sum(other > this)),
         "p_success": np.nan if rows is others else mcnemar(this, other),
+        "p_time": signed_rank(gap),
         **{f"{name}_s": value for name, value in difference.items()},
     }
+
+
+def signed_rank(differences: Array) -> float:
+    """P value of "neither is larger" by Wilcoxon's signed-rank test of paired differences.
+
+    Two-sided, exact of few pairs; pairs without a difference do not count, and 1 is returned where
+    there are no others. Unknown differences (NaN) are no pairs; NaN without any pair.
+    """
+    from scipy.stats import wilcoxon
+
+    pairs = differences[np.isfinite(differences)]
+    if not pairs.any():
+        return 1.0 if len(pairs) else float("nan")
+    return float(wilcoxon(pairs[pairs != 0.0]).pvalue)
 
 
 def by_controller(rows: Sequence[Row]) -> dict[str, list[Row]]:

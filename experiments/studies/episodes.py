@@ -1,14 +1,16 @@
 """Studies of closed loops: what is common to those that play episodes over seeds."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import ClassVar, final
 
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import DrivesRobot, driving
 from ...framework.mpc.planner.planner import planner_behind
+from ...framework.plugins.registry import named
 from ...framework.values.arrays import probability, whole
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
@@ -199,8 +201,12 @@ def measured(
     task: Task,
     tail: float,
     show: Sequence[int] = (),
+    metrics: Mapping[str, str] = MappingProxyType({}),
 ) -> TaskOutcome:
-    """Play the episode of a task and measure all there is; keep it where its seed is shown."""
+    """Play the episode of a task and measure all there is; keep it where its seed is shown.
+
+    ``metrics`` are columns by name, see `episode_metric`.
+    """
     episode = play(scenario, robot, controller, settings, task.seed)
     judged = scenario.judge(episode)
     more = {
@@ -208,7 +214,26 @@ def measured(
         **about_first_contact(episode, scenario, robot, controller, settings),
         **{f"judged_{name}": value for name, value in judged.items()},
     }
+    for name, target in metrics.items():
+        if name in more:
+            raise WideberthError(f"metrics: the column {name!r} exists; give yours another name")
+        more[name] = float(episode_metric(target)(episode))
     return outcome(episode, task, tail, more, keep=task.seed in show)
+
+
+def episode_metric(target: str) -> Callable[[Episode], float]:
+    """Return the function that "module:function" names; it takes an episode.
+
+    Raises
+    ------
+    WideberthError : the module cannot be imported, or has no such function.
+    """
+    metric: Callable[[Episode], float] | None = named(target) if ":" in target else None
+    if not callable(metric):
+        raise WideberthError(
+            f"{target!r} names no function; wanted module:function, which takes an episode"
+        )
+    return metric
 
 
 def check_robots(

@@ -24,6 +24,14 @@ SEEN: dict[str, tuple[float, float]] = {
     "once": (1, 1), "twice": (2, 2), "three to seven": (3, 7), "eight or more": (8, np.inf),
 }  # fmt: skip
 """Class of people -> how often they have been seen, at least and at most."""
+MOTIONS = "standing", "starting", "stopping", "turning", "walking on", "other"
+"""What people do from a forecast to the last step at which they are known; see `motions`."""
+STANDS, WALKS = 0.2, 0.5
+"""m/s; who is slower than the first stands, who is faster than the second walks."""
+SHARP = 45.0
+"""degrees; a change of direction by more is a turn."""
+PACE = 0.8
+"""s over which a velocity is measured."""
 EVERY = "all"
 """Name of all classes together."""
 TAIL = 0.05
@@ -41,11 +49,13 @@ class Sights:
     Attributes
     ----------
     seen : (O,), how often each person has been seen, this moment included.
+    motion : (O,), index in `MOTIONS`.
     known, missed : (O, N), whether the person was still there at a step, and outside the region.
     radius : (O, N), m, of the disc as large as the region.
     """
 
     seen: Array
+    motion: Array
     known: BoolArray
     missed: BoolArray
     radius: Array
@@ -65,7 +75,8 @@ class FirstSight(GridStudy):
 
     ``missed`` is the share of steps at which the true position lay outside of the region (of
     several modes that of highest density), ``plans_missed`` the share of moments at which any
-    person was outside at any step. The means over scenes weigh every scene alike.
+    person was outside at any step. The means over scenes weigh every scene alike. The interval of
+    ``missed`` is from a bootstrap that draws whole episodes of each scene.
 
     Predictors that can be fitted learn from the recordings of all other scenes, unless
     ``as_given`` names them.
@@ -149,17 +160,17 @@ class FirstSight(GridStudy):
             predictor, text = fitted(predictor, self.data.training(scene, self.only))
         dt, noise = float(task.settings["dt"]), float(task.settings["noise"])
         rng = np.random.default_rng(task.seed)
-        found = [
-            sight
-            for recording in self.data.read(self.scored()[scene])
-            for begin in self._begins(recording)
-            for sight in self._episode(predictor, recording, begin, dt, noise, rng)
-        ]
         head: Row = {
             "predictor": name, "scene": scene, "dt": dt, "noise": noise, "seed": task.seed,
             "fitted": text,
         }  # fmt: skip
-        return TaskOutcome([head | row for row in counted(found)])
+        rows: list[Row] = []
+        recordings = self.data.read(self.scored()[scene])
+        begins = [(one, begin) for one in recordings for begin in self._begins(one)]
+        for number, (recording, begin) in enumerate(begins):
+            found = list(self._episode(predictor, recording, begin, dt, noise, rng))
+            rows += [head | {"episode": number} | row for row in counted(found)]
+        return TaskOutcome(rows)
 
     def _begins(self, recording: Recording) -> list[int]:
         """Rows at which episodes begin: as many as there is room for, with people in each."""
@@ -198,24 +209,27 @@ class FirstSight(GridStudy):
                 continue
             names = [people[i].name for i in here]
             rows = [tracks.ids.index(name) for name in names]
-            truth = np.array([people[i].at(start + stamp + grid) for i in here])
+            now = start + stamp
+            truth = np.array([people[i].at(now + grid) for i in here])
             seen = np.isfinite(tracks.positions[rows]).all(axis=2).sum(axis=1)
             parts = forecast.mean[rows], forecast.covariance[rows], forecast.weight[rows]
-            yield _sights(seen, *parts, truth)
+            motion = np.array([_motion(people[i], now, grid) for i in here])
+            yield _sights(seen, motion, *parts, truth)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Means over the scenes by predictor and class of people, then every scene."""
         lines: list[Row] = []
         scenes = len(group(rows, "scene"))
-        for (name, seen), some in group(rows, "predictor", "seen").items():
-            if scenes > 1:
-                head: Row = {"predictor": name, "scene": f"mean of {scenes}", "seen": seen}
-                lines.append(head | _line(some, "scene"))
-        for labels, some in labelled(rows, "predictor", "scene", "seen"):
+        if scenes > 1:
+            for (name, seen, motion), some in group(rows, "predictor", "seen", "motion").items():
+                head: Row = {"predictor": name, "scene": f"mean of {scenes}"}
+                lines.append(head | {"seen": seen, "motion": motion} | _line(some, "scene"))
+        for labels, some in labelled(rows, "predictor", "scene", "seen", "motion"):
             lines.append({**labels, **_line(some, "scene")})
         for labels, some in labelled(rows, "predictor", "dt", "noise"):
-            every = [row for row in some if row["seen"] == EVERY]
-            lines.append({**labels, "seen": EVERY, **_line(every, "scene")})
+            every = [row for row in some if (row["seen"], row["motion"]) == (EVERY, EVERY)]
+            labels |= {"seen": EVERY, "motion": EVERY}
+            lines.append({**labels, **_line(every, "scene")})
         return lines
 
     def pictures(self, result: Result) -> Pictures:
@@ -227,38 +241,79 @@ class FirstSight(GridStudy):
         return reduced(self, predictors=1, dt=-1, noise=1, rows=25, starts=1, seeds=1)
 
 
-def _sights(seen: Array, mean: Array, covariance: Array, weight: Array, truth: Array) -> Sights:
+def _motion(person: ReplayAgent, now: float, grid: Array) -> int:
+    """Return the class of `motions` of a person at a time, s, who is known at times ahead."""
+    path = person.at(now + np.concatenate([[-PACE, 0.0, PACE], grid]))
+    known = np.flatnonzero(np.logical_and.accumulate(np.isfinite(path[3:]).all(axis=1)))
+    if not len(known):
+        return MOTIONS.index("other")
+    last = now + grid[known[-1]]
+    before, after = path[1] - path[0], path[2] - path[1]
+    first = before if np.isfinite(before).all() else after
+    final = np.subtract(*person.at(np.array([last, max(last - PACE, now)])))
+    return int(motions(first / PACE, final / min(PACE, last - now)))
+
+
+def motions(first: Array, final: Array) -> Array:
+    """Classify motions by the velocities at their beginning and end, (..., 2), m/s.
+
+    Standing and walking on are what they are at both ends; who walks and changes direction by
+    more than `SHARP` degrees turns. "other" are those who stroll, or leave at once.
+
+    Returns
+    -------
+    kind : (...), index in `MOTIONS`.
+    """
+    slow, fast = np.linalg.norm(first, axis=-1), np.linalg.norm(final, axis=-1)
+    walks, stands = (slow > WALKS, fast > WALKS), (slow < STANDS, fast < STANDS)
+    along = (first * final).sum(axis=-1)
+    both = walks[0] & walks[1]
+    turns = both & (along < np.cos(np.radians(SHARP)) * slow * fast)
+    each = [stands[0] & stands[1], stands[0] & walks[1], walks[0] & stands[1], turns, both]
+    return np.asarray(np.select(each, range(len(each)), len(each)))
+
+
+def _sights(
+    seen: Array, motion: Array, mean: Array, covariance: Array, weight: Array, truth: Array
+) -> Sights:
     """Judge forecasts by what was true, (O, N, D), m; NaN where a person was not there."""
     known = np.logical_and.accumulate(np.isfinite(truth).all(axis=2), axis=1)
     truth = np.where(known[..., None], truth, np.nan)
     tails = reached_tail(mean, covariance, weight, truth)
     area = region_area(mean, covariance, weight, TAIL)
     missed = np.asarray(known & (tails < TAIL), dtype=np.bool_)
-    return Sights(seen, known, missed, np.sqrt(area / np.pi))
+    return Sights(seen, motion, known, missed, np.sqrt(area / np.pi))
 
 
 def counted(found: list[Sights]) -> list[Row]:
-    """Count what was missed, a line for all people and one per class of `SEEN`.
+    """Count what was missed: a line for all people, per class of `SEEN` and of `MOTIONS`.
 
     ``steps`` and ``steps_missed`` count persons and steps; ``first``, ``middle`` and ``last`` name
     the steps of one region; ``plans`` are moments at which any step of any person is known.
     """
-    rows: list[Row] = []
+    if not found:
+        return []
     plans = sum(bool(one.known.any()) for one in found)
     broken = sum(bool(one.missed.any()) for one in found)
-    together = [np.concatenate([getattr(one, name) for one in found]) for name in
-                ("seen", "known", "missed", "radius")]  # fmt: skip
-    for name, (least, most) in {EVERY: (1, np.inf), **SEEN}.items():
-        own = (together[0] >= least) & (together[0] <= most)
-        known, missed, radius = (one[own] for one in together[1:])
+    seen, motion, known, missed, radius = (
+        np.concatenate([getattr(one, name) for one in found])
+        for name in ("seen", "motion", "known", "missed", "radius")
+    )
+    classes = {(EVERY, EVERY): np.ones(len(seen), dtype=np.bool_)}
+    for name, (least, most) in SEEN.items():
+        classes[name, EVERY] = (seen >= least) & (seen <= most)
+    classes |= {(EVERY, name): motion == number for number, name in enumerate(MOTIONS)}
+    rows: list[Row] = []
+    for (often, kind), own in classes.items():
         row: Row = {
-            "seen": name, "people": int(own.sum()), "steps": int(known.sum()),
-            "steps_missed": int(missed.sum()), "plans": plans, "plans_missed": broken,
+            "seen": often, "motion": kind, "people": int(own.sum()),
+            "steps": int(known[own].sum()), "steps_missed": int(missed[own].sum()),
+            "plans": plans, "plans_missed": broken,
         }  # fmt: skip
         for at, step in zip(SHOWN, (0, (known.shape[1] - 1) // 2, -1), strict=True):
-            row[f"known_{at}"] = int(known[:, step].sum())
-            row[f"missed_{at}"] = int(missed[:, step].sum())
-            row[f"radius_{at}_m"] = known_mean(radius[:, step])
+            row[f"known_{at}"] = int(known[own, step].sum())
+            row[f"missed_{at}"] = int(missed[own, step].sum())
+            row[f"radius_{at}_m"] = known_mean(radius[own, step])
         rows.append(row)
     return rows
 
@@ -266,7 +321,24 @@ def counted(found: list[Sights]) -> list[Row]:
 def _line(rows: list[Row], alike: str) -> Row:
     """Condense lines of the table; each value of the column ``alike`` counts the same."""
     parts = [_shares(some) for some in group(rows, alike).values()]
-    return {name: known_mean([part[name] for part in parts]) for name in parts[0]}
+    line: Row = {name: known_mean([part[name] for part in parts]) for name in parts[0]}
+    low, high = _interval(list(group(rows, alike).values()))
+    return line | {"missed_low": low, "missed_high": high}
+
+
+def _interval(scenes: list[list[Row]]) -> tuple[float, float]:
+    """Interval of 95 % of the mean over scenes of ``missed``, drawing whole episodes of each."""
+    rng, shares = np.random.default_rng(0), []
+    for rows in scenes:
+        episodes = np.unique(column(rows, "episode"), return_inverse=True)[1]
+        parts = np.bincount(episodes, column(rows, "steps_missed"))
+        wholes = np.bincount(episodes, column(rows, "steps"))
+        drawn = rng.integers(len(parts), size=(1000, len(parts)))
+        with np.errstate(invalid="ignore"):
+            shares.append(parts[drawn].sum(axis=1) / wholes[drawn].sum(axis=1))
+    means = np.array([known_mean(draw) for draw in np.transpose(shares)])
+    means = means[np.isfinite(means)]
+    return tuple(np.quantile(means, (0.025, 0.975)).tolist()) if len(means) else (np.nan, np.nan)
 
 
 def _shares(rows: list[Row]) -> dict[str, float]:
@@ -297,6 +369,7 @@ MARKS = "osD^vP*X"
 def draw(rows: list[Row]) -> Any:
     """Draw shares that were missed by class of people: a line per predictor, a panel per noise."""
     noises = list(group(rows, "noise"))
+    rows = [row for row in rows if row["motion"] == EVERY]
     figure, panels = subplots(1, len(noises), figsize=(PAGE, 2.6), squeeze=False, sharey=True)
     for panel, (noise,) in zip(panels[0], noises, strict=True):
         some = [row for row in rows if row["noise"] == noise]

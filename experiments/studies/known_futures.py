@@ -263,12 +263,16 @@ class KnownFutures(GridStudy):
         return robots[0].path, seen
 
     def decide(self, name: str, way: Way, seen: Sequence[Observation]) -> Decision:
-        """Decide from the last observation, all others remembered."""
+        """Decide from the last observation, all others remembered.
+
+        Obstacles that no plan can meet by their regions take part too: their futures may come
+        nearer.
+        """
         planner = planner_of(self.planners[name])
         state = PlannerState.initial(planner, way)
         for one in seen[:-1]:
             state = remember(planner, state, one)
-        return step(planner, state, seen[-1], Services.of(planner))[1]
+        return step(planner, state, seen[-1], Services.of(planner).for_all())[1]
 
     def measure(self, task: Task) -> TaskOutcome:
         """Make the one plan, and those of all drawn futures."""

@@ -15,7 +15,7 @@ from ...simulation.drawing.artists import pairs
 from ...simulation.drawing.logged import DrawnAgent
 from ...simulation.log.episode_log import Episode
 from ..drawing.plotting import PAGE, subplots
-from ..drawing.trade_off_markers import front_legend, front_looks, mark, widen
+from ..drawing.trade_off_markers import front_legend, front_looks, mark, nest, widen
 from ..engine.closed_loop import column, condense, group, outcome, pick
 from .episodes import PlacesStudy
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
@@ -168,6 +168,7 @@ def draw_prices(rows: list[Row]) -> Any:
         for (name,), own in group(some, "planner").items():
             if mark(panel, own, "extra_time_worst", looks[str(name)]) is not None:
                 drawn.add(str(name))
+        nest(panel)
         panel.axhline(0.0, color="black", linewidth=0.8)
         widen(panel)
         panel.set_xlabel("extra time (s)")

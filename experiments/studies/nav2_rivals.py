@@ -330,16 +330,11 @@ def _processor_time(one: Watched, agent: str, duration: float) -> Row:
 
 def compared(rows: Sequence[Row], others: Sequence[Row]) -> Row:
     """Compare a controller with the baseline, seed by seed, and say what is beyond chance."""
-    from scipy.stats import wilcoxon
-
     touched = paired(rows, others, "collision"), paired(others, rows, "collision")
     nearer = paired(rows, others, "clearance") - paired(others, rows, "clearance")
     line = against(rows, others) | {"p_touch": mcnemar(*touched)}
     interval = with_interval("clearance_difference", nearer)
     line |= {f"{name}_m": value for name, value in interval.items()}
-    gap = paired(rows, others, "success_time") - paired(others, rows, "success_time")
-    gap = gap[np.isfinite(gap) & (gap != 0.0)]
-    line["p_time"] = float(wilcoxon(gap).pvalue) if len(gap) else 1.0
     return line | {"finding": finding(line)}
 
 

@@ -110,6 +110,8 @@ SHOWN = (
 
 def draw_tables(lines: Sequence[Row]) -> Any:
     """Draw a table for each measure; dark is better, and the number stands in its cell."""
+    counts = sorted({int(line["episodes"]) for line in lines})
+    words = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     predictors = list(dict.fromkeys(str(line["predictor"]) for line in lines))
     regions = list(dict.fromkeys(str(line["region"]) for line in lines))
     size = PAGE, 0.5 + len(SHOWN) * (0.35 + 0.17 * len(predictors)) + 0.9
@@ -118,10 +120,12 @@ def draw_tables(lines: Sequence[Row]) -> Any:
         found = {(line["predictor"], line["region"]): line[name] for line in lines}
         table = np.array([[_number(found[one, other]) for other in regions] for one in predictors])
         shaded(panel, table, form, better_high=name == "success")
-        panel.set_title(title)
+        panel.set_title(f"{title}, n = {words} per cell")
+        panel.set_ylabel("predictor")
         panel.set_yticks(range(len(predictors)), [one.replace("_", " ") for one in predictors])
     names = [other.replace("_", " ") for other in regions]
     axes[-1, 0].set_xticks(range(len(regions)), names, rotation=40, ha="right")
+    axes[-1, 0].set_xlabel("region")
     return figure
 
 

@@ -115,7 +115,10 @@ class PredictionBenchmark(GridStudy):
         for field_name in ("chosen", "as_given"):
             for name in getattr(self, field_name):
                 if name not in known:
-                    raise WideberthError(f"{field_name}: {unknown('predictor', name, known)}")
+                    message = f"{field_name}: {unknown('predictor', name, known)}"
+                    own = name.rpartition(":")[2].lower()
+                    path = f"; name it first, as in --set 'predictors.{own}={{type: \"{name}\"}}'"
+                    raise WideberthError(message + path * (":" in name))
         others = names("predictors") if self.registered else []
         taken = {*self.predictors, *self.left_out}
         usual = [*self.predictors, *(name for name in others if name not in taken)]

@@ -56,8 +56,9 @@ class PredictionData:
         or, of kind "robot-log", a robot.
     scenes : name -> its files. They are those of one dataset: in a folder that holds any of
         the named files all must be there (see `found`); in a folder that holds none of them,
-        every file that fits ``pattern`` is a primary scene, named after the file.
-    pattern : of the names of files in a folder, as in a shell.
+        every file that fits ``pattern`` is a primary scene, named after the file: without its
+        folder and ending, or with both where two scenes would have the same name.
+    pattern : of files, relative to the folder, as in a shell: "*.csv", "day_*/*.txt", "**/*.txt".
     dt : s between rows (which ``frame id x y`` does not hold); all others are resampled to it.
     kind : of all files, or "auto"; see `wideberth.experiments.studies.crowd.TrackFile`.
     radius : m, of an obstacle.
@@ -119,7 +120,11 @@ class PredictionData:
             )
         missing = self.missing()
         if missing is None:
-            return {Path(file).stem: SceneFiles((file,)) for file in self._files()}
+            files = self._files()
+            names = [Path(file).stem for file in files]
+            if len(set(names)) < len(files):
+                names = files
+            return {name: SceneFiles((file,)) for name, file in zip(names, files, strict=True)}
         there = {name: scene for name, scene in self.scenes.items() if name not in missing}
         for name in only or missing:
             if name in missing:
@@ -133,15 +138,25 @@ class PredictionData:
         return there
 
     def _files(self) -> list[str]:
-        """Names of the files that fit the pattern; of the package's, people or a robot."""
+        """Files that fit the pattern, in the folder; of the package's, people or a robot."""
         if self.root == SHIPPED:
             return ["robot.txt"] if self.kind == "robot-log" else ["crowd.txt", "plaza.txt"]
-        files = sorted(path.name for path in self.folder.glob(self.pattern) if path.is_file())
+        try:
+            paths = [path for path in self.folder.glob(self.pattern) if path.is_file()]
+            files = sorted(path.relative_to(self.folder).as_posix() for path in paths)
+            if any(".." in Path(file).parts for file in files):
+                raise ValueError("it leaves the folder")
+        except (ValueError, NotImplementedError) as error:
+            raise WideberthError(
+                f"data.pattern is {self.pattern!r} ({error}); wanted one relative to the folder, "
+                "such as '*.csv' or 'day_*/*.txt'"
+            ) from None
         if not files:
             raise WideberthError(
                 f"data.root: {self.folder} holds no file {self.pattern!r}; wanted recordings of "
-                "rows `frame id x y` or `time x y theta`; to read files of other names set "
-                "data.pattern, as in --set 'data.pattern=\"*.csv\"' (with both quotes)"
+                "rows `frame id x y`, `time x y theta`, or below a header `id`, `time`, `x` and "
+                "`y`; to read files of other names set data.pattern, as in "
+                "--set 'data.pattern=\"*.csv\"' (with both quotes)"
             )
         return files
 

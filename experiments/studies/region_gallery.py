@@ -132,17 +132,18 @@ def _draw(
     rows: list[Row], curves: list[dict[str, Any]], missing: str, covariance: Array, tail: float
 ) -> Any:
     """Draw one panel per region, and say below which are missing."""
-    lines = -(-max(len(rows), 1) // ACROSS)
-    height = 0.5 + PAGE / (ACROSS + 0.5) * _flatness(curves)  # of one panel, title too
+    across = min(ACROSS, max(len(rows), 1))
+    lines = -(-max(len(rows), 1) // across)
+    height = 0.5 + PAGE / (across + 0.5) * _flatness(curves)  # of one panel, title too
     size = (PAGE, 0.7 + height * lines + 0.12 * (missing.count("\n") + bool(missing)))
-    figure, panels = subplots(lines, ACROSS, figsize=size, sharex=True, sharey=True, squeeze=False)
+    figure, panels = subplots(lines, across, figsize=size, sharex=True, sharey=True, squeeze=False)
     for panel in panels.flat[len(rows) :]:
         panel.set_axis_off()
     for panel, row, curve in zip(panels.flat, rows, curves, strict=False):
         _panel(panel, row, curve, covariance, tail)
     for panel in panels[:, 0]:
         panel.set_ylabel("y (m)")
-    for panel in panels.flat[max(len(rows) - ACROSS, 0) : len(rows)]:
+    for panel in panels.flat[max(len(rows) - across, 0) : len(rows)]:
         panel.set_xlabel("x (m)")
         panel.tick_params(labelbottom=True)
     _legend(figure, tail)

@@ -12,7 +12,7 @@ from ...framework.controller import driving
 from ...framework.plugins.yamlfile import assign
 from ...metrics.statistics import pareto
 from ..drawing.plotting import COLOURS, PAGE, entry, subplots
-from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
+from ..drawing.trade_off_markers import bars_note, mark, nest, say_empty, widen
 from ..engine.closed_loop import group
 from ..engine.text_tables import format_cell
 from .episode_statistics import SOURCES, against, condensed
@@ -157,7 +157,7 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
 
     A star stands for the base; behind, in every panel, a grey step joins the settings that no
     other one beats in clearance and time among those that always arrived. Bars and hollow markers
-    as in `trade_off_markers.mark`.
+    as in `trade_off_markers.mark`; values at one place share a label.
     """
     played = group(rows, "factor", "value")
     (first, *others) = played
@@ -175,13 +175,13 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
         panel, colour = axes.flat[i], COLOURS[1 + i % (len(COLOURS) - 1)]
         panel.set_title(factor)
         panel.plot(*front.T, "-", color=BEST, linewidth=2.5, zorder=0.5)
-        for key, own in played.items():
-            if key[0] == factor:
-                _value(panel, own, key, colour)
         place = mark(panel, played[first], "success_time", ("*", COLOURS[0]))
+        _values(panel, {key[1]: own for key, own in played.items() if key[0] == factor}, colour)
+        nest(panel)
         panel.margins(0.12)
         if place is not None:
-            panel.plot(*place, "*", color=COLOURS[0], markersize=9, zorder=4)
+            star = next(line for line in panel.lines if line.get_marker() == "*")
+            star.set_markersize(star.get_markersize() + 4.0)
             widen(panel)
         if i + wide >= len(factors):  # nothing below it
             panel.tick_params(labelbottom=True)
@@ -195,10 +195,17 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
     return figure
 
 
-def _value(panel: Any, rows: Sequence[Row], key: tuple[Any, ...], colour: str) -> None:
-    place = mark(panel, rows, "success_time", ("o", colour))
-    if place is not None:
-        panel.annotate(format_cell(key[1]), place, (3, -8), textcoords="offset points", fontsize=6)
+def _values(panel: Any, played: Mapping[Any, Sequence[Row]], colour: str) -> None:
+    """Mark the values of a factor, with one label for those at one place."""
+    labels: dict[tuple[float, float], list[str]] = {}
+    for value, rows in played.items():
+        place = mark(panel, rows, "success_time", ("o", colour))
+        if place is not None:
+            same = next((other for other in labels if np.allclose(other, place)), place)
+            labels.setdefault(same, []).append(format_cell(value))
+    for place, words in labels.items():
+        text = ", ".join(words)
+        panel.annotate(text, place, (3, -8), textcoords="offset points", fontsize=6)
 
 
 def _front(lines: Sequence[Row]) -> Any:

@@ -31,8 +31,8 @@ from .costs.base import Cost, Moment, ProgressCost
 from .costs.tracking import Tracking
 from .levels.base import LevelPolicy, SharedLevel
 from .ocp.problem import Problem, Slots
-from .ocp.progress_robot import progress_robot_of
 from .ocp.stage import Frame, ReferenceSymbols
+from .problem_robot import robot_of_problem
 from .slots.base import SlotKind, SlotSizes
 
 REST = 1e-2
@@ -63,7 +63,7 @@ def assemble(
     dt : s per step.
     rooms : what there is room for of each kind; kinds behind the last one have no slots.
     cost : of each stage; the paper's by default. A `ProgressCost` adds a state and an input
-        to the robot's.
+        to the robot's, a `CommandCost` the last input to its states.
     penalty : price of one unit of slack (regions are unit-free); None keeps them hard.
     stop_at_end : whether the robot rests at x_N, its twist no more than `REST`. One whose input
         is the velocity can always stop, and needs no such condition.
@@ -75,7 +75,7 @@ def assemble(
     """
     _check(horizon, dt, kinds, rooms, penalty)
     cost = Tracking() if cost is None else cost
-    robot = progress_robot_of(robot) if isinstance(cost, ProgressCost) else robot
+    robot = robot_of_problem(robot, cost, dt)
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
     reference = ReferenceSymbols(robot.dimension, cost.curve_width(robot.dimension))
     by_input, by_state = _running_cost(_moment(robot, x, u, cost), u, cost, reference)

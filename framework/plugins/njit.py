@@ -1,7 +1,7 @@
 """Numba, imported where a loop is first needed: its import takes a second."""
 
+import logging
 import os
-import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -9,8 +9,9 @@ from typing import Any
 
 from .code_cache import check_private
 
+LOG = logging.getLogger("wideberth.compiling")
 _UNANNOUNCED: set[str] = set()
-"""Modules of whose compilation no line was printed yet."""
+"""Modules whose compilation was not logged yet."""
 
 
 def cached_njit(
@@ -18,7 +19,7 @@ def cached_njit(
 ) -> tuple[Callable[..., Any], ...]:
     """Compile plain functions with Numba: once per machine, then from its cache.
 
-    They are compiled at their first call, which a line on standard error announces. Where no cache
+    They are compiled at their first call, which a warning of `LOG` announces. Where no cache
     folder can be written, or others may write to it, they are compiled for this process alone:
     Numba unpickles what it finds there. A division by zero gives infinity or NaN, as in NumPy.
 
@@ -69,7 +70,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @cache
 def _announce_compilation() -> None:
-    """Print a line when Numba begins to compile the functions of a module."""
+    """Log when Numba begins to compile the functions of a module: it takes seconds."""
     from numba.core import event
 
     class Announcement(event.Listener):
@@ -77,8 +78,7 @@ def _announce_compilation() -> None:
             module = event.data["dispatcher"].py_func.__module__
             if module in _UNANNOUNCED:
                 _UNANNOUNCED.remove(module)
-                line = f"compiling {module} for its first use, some seconds ..."
-                print(line, file=sys.stderr, flush=True)
+                LOG.warning("compiling %s for its first use, some seconds ...", module)
 
         def on_end(self, event: Any) -> None: ...
 

@@ -163,6 +163,13 @@ def trust(modules: Iterable[str]) -> str:
     )
 
 
+def find_modules_beside(file: Path) -> None:
+    """Find modules that the user names in the folder of a config, too."""
+    folder = str(file.resolve().parent)
+    if folder not in MODULE_FOLDERS:
+        MODULE_FOLDERS.append(folder)
+
+
 def import_named(module: str) -> None:
     """Import a module that the user named, which may register plug-ins."""
     sys.path.extend(place for place in MODULE_FOLDERS if place not in sys.path)
@@ -370,7 +377,8 @@ def unimportable(module: str, error: Exception) -> str:
     said = error.msg if isinstance(error, SyntaxError) else error  # the place comes behind
     what = f"{type(error).__name__}: {said}"
     absent = isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]
-    cure = "; work in the folder of the module, or add it to PYTHONPATH" if absent else ""
+    cure = "; it is looked for beside the config, in the working folder and in PYTHONPATH"
+    cure = cure if absent else ""
     return f"module {module!r}{owner} cannot be imported ({what}{place}){cure}"
 
 

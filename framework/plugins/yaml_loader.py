@@ -15,10 +15,13 @@ from ..values.errors import WideberthError, short
 
 _LONGEST_NUMBER = 100
 """Characters."""
+_AMBIGUOUS = re.compile(r"[-+]?(?:0[0-9_]+|0b[01_]+|.*[_:].*)")
+"""Numbers of YAML 1.1 that are other numbers or text in YAML 1.2: 010 is 8 or 10, 1:30 is 90."""
+_BREAKS = "\0\r\n\x85\u2028\u2029"
 
 
 class Loader(yaml.SafeLoader):
-    """PyYAML's safe loader with YAML 1.2's floats, no key twice, and bounds on what is built.
+    """PyYAML's safe loader with YAML 1.2's floats and tabs, no key twice, and bounds.
 
     Parameters
     ----------
@@ -43,6 +46,36 @@ class Loader(yaml.SafeLoader):
         self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
         self.merging: bool = merging
         self.twice: dict[str, int] = {}  # key with its line -> the line
+
+    def scan_to_next_token(self) -> None:
+        """Pass over what separates tokens, as PyYAML does, and over tabs, which do not indent."""
+        super().scan_to_next_token()
+        while self.peek() == "\t" and (count := self._separating()):
+            self.forward(count)
+            super().scan_to_next_token()
+
+    def _separating(self) -> int:
+        """Count the blanks that begin with a tab; 0 where they would indent."""
+        count = self._blanks()
+        if not self.flow_level and self.allow_simple_key and self.peek(count) not in f"#{_BREAKS}":
+            if not self.buffer[self.pointer - self.column : self.pointer].strip(" "):
+                return 0
+            self.allow_simple_key = False  # no block of keys may begin behind `- ` and a tab
+        return count
+
+    def _blanks(self) -> int:
+        """Count the blanks and tabs that stand here."""
+        count = 0
+        while self.peek(count) in " \t":
+            count += 1
+        return count
+
+    def scan_plain_spaces(self, indent: int, start_mark: Any) -> list[str] | None:
+        """Return what separates the words of a text without quotes: tabs too."""
+        line, blanks = self.line, self.prefix(self._blanks())
+        self.forward(len(blanks))
+        chunks: list[str] | None = super().scan_plain_spaces(indent, start_mark)
+        return [blanks] if blanks and self.line == line else chunks
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose one node as PyYAML does, and count it."""
@@ -140,19 +173,38 @@ class Loader(yaml.SafeLoader):
         wrong = f"{short(text, 40)} is no number that can be held; quote it if it is text"
         if len(text) > _LONGEST_NUMBER:
             self._refuse(node, wrong)
+        if node.tag.endswith(("int", "float")) and _AMBIGUOUS.fullmatch(text):
+            self._refuse(
+                node, f"{text} is not the same number to all readers of YAML; write it in "
+                "decimals, or quote it if it is text",
+            )  # fmt: skip
         try:
             value = yaml.SafeLoader.yaml_constructors[node.tag](self, node)
         except (ValueError, OverflowError, KeyError, AttributeError):
             self._refuse(node, wrong)
         if isinstance(value, float) and isinf(value) and "inf" not in text.lower():
             self._refuse(node, f"{text} is too large for a number; infinity is written .inf")
+        if value == 0.0 and isinstance(value, float) and re.match(r"[-+.0]*[1-9]", text):
+            self._refuse(node, f"{text} is too small for a number; write 0.0")
         return value
 
 
 for name in ("int", "float", "timestamp", "bool"):
     Loader.add_constructor(f"tag:yaml.org,2002:{name}", Loader.number)
-Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
+
+
+class _Dumper(yaml.SafeDumper):
+    """PyYAML's safe dumper, which quotes text that `Loader` would read as a number."""
+
+
+for _style in (Loader, _Dumper):
+    _style.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$"),
+        list("-+.0123456789"),
+    )
+
+
+def as_yaml(config: dict[str, Any]) -> str:
+    """Return a config as YAML text, keys in the order given."""
+    return str(yaml.dump(config, Dumper=_Dumper, sort_keys=False, allow_unicode=True))

@@ -173,9 +173,9 @@ def shared_settings(name: str) -> dict[str, Any]:
 
 def dump(config: dict[str, Any]) -> str:
     """Return a config as YAML text, keys in the order given."""
-    import yaml
+    from .yaml_loader import as_yaml
 
-    return str(yaml.safe_dump(config, sort_keys=False, allow_unicode=True))
+    return as_yaml(config)
 
 
 def apply(config: dict[str, Any], override: str) -> None:

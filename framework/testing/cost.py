@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..mpc.assembly import assemble
-from ..mpc.costs.base import Cost, ProgressCost
+from ..mpc.costs.base import CommandCost, Cost, ProgressCost
 from ..mpc.levels.fixed import Fixed
 from ..mpc.ocp.problem import Problem
 from ..mpc.ocp.reference import Reference
@@ -99,6 +99,8 @@ class _Place:
             if isinstance(self.cost, ProgressCost):
                 now, then = np.append(now, theta[0]), np.append(then, theta[1])
                 control = np.append(control, _SPEED)
+            if isinstance(self.cost, CommandCost):
+                now, then = np.append(now, control), np.append(then, control)
             total += float(problem.input_cost(now, control, head))
             total += float(problem.state_cost(then, head))
         assert abs(total) < 1e-6, f"a free ride costs {total:.3g} with {robot!r}"

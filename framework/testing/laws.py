@@ -10,7 +10,7 @@ Objects of the class are the cases that the law is checked on. A `Contract` puts
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import partial, update_wrapper
 from importlib import import_module
 from inspect import Signature, signature
@@ -18,7 +18,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, final
 
 from ..values.coverage import Coverage
-from ..values.errors import WideberthError
+from ..values.errors import MissingLibraryError, WideberthError
 from ..values.failures import in_words
 
 if TYPE_CHECKING:
@@ -46,6 +46,19 @@ CHECKS = {
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }
 """Contract check -> the module that it stands in, which is imported on first use."""
+
+_VALUES = {
+    *(
+        "check_predictor",
+        "check_calibration",
+        "check_region",
+        "check_static_region",
+        "check_robot",
+    ),
+    *("check_level", "check_cost", "check_slot_kind", "check_route_planner", "check_solver"),
+    "check_scenario",
+}
+"""Contract checks of plug-ins that are values; those of the other kinds have state."""
 
 
 @final
@@ -82,11 +95,22 @@ class Contract(Generic[P]):
 
     def __call__(self, *plugin: P.args, **choices: P.kwargs) -> None:
         """Check all laws, see `require`."""
-        require(self._laws(*plugin, **choices))
+        require(self.laws(*plugin, **choices))
 
     def laws(self, *plugin: P.args, **choices: P.kwargs) -> tuple[Law, ...]:
         """Return the laws, each with a name and a check of its own."""
-        return tuple(self._laws(*plugin, **choices))
+        laws = tuple(self._laws(*plugin, **choices))
+        if self._laws.__name__ not in _VALUES:
+            return laws
+        checked = next(iter(self.__signature__.bind(*plugin, **choices).arguments.values()))
+        otherwise = "" if is_dataclass(checked) else "it is no dataclass"
+        return (*laws, Law("frozen", partial(_check_frozen, checked), otherwise))
+
+
+def _check_frozen(plugin: Any) -> None:
+    """Demand that no field of a dataclass can be set: plug-ins are shared, and keys of caches."""
+    frozen = type(plugin).__dataclass_params__.frozen
+    assert frozen, f"{type(plugin).__name__} can be changed; wanted @dataclass(frozen=True)"
 
 
 _MARKED: dict[object, tuple[str, Callable[[Any], bool], str]] = {}
@@ -210,6 +234,10 @@ def findings(laws: Iterable[Law]) -> Iterator[tuple[Law, Exception | None]]:
     """Check laws one after the other, each with the error that breaks it.
 
     Any exception breaks a law. A law with an exception is not checked.
+
+    Raises
+    ------
+    WideberthError : a law cannot be checked without a library that is not installed.
     """
     for law in laws:
         problem: Exception | None = None
@@ -217,6 +245,8 @@ def findings(laws: Iterable[Law]) -> Iterator[tuple[Law, Exception | None]]:
             if not law.exception:
                 law.check()
         except Exception as error:
+            if isinstance(first := _begun_by(error, MissingLibraryError), MissingLibraryError):
+                raise first from None
             problem = error
         yield law, problem
 
@@ -263,9 +293,9 @@ def causes(broken: Iterable[tuple[Law, Exception]]) -> list[str]:
     ]
 
 
-def _begun_by(error: BaseException) -> BaseException:
+def _begun_by(error: BaseException, kind: type[BaseException] | tuple[()] = ()) -> BaseException:
     """Return the exception that was raised first of those that led to this one."""
-    while error.__cause__ is not None:
+    while error.__cause__ is not None and not isinstance(error, kind):
         error = error.__cause__
     return error
 

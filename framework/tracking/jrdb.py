@@ -105,10 +105,12 @@ def _frames(path: str | Path, key: str) -> dict[int, Any]:
     frames = {}
     for name, value in found.items():
         stem = name.split(".", 1)[0]
-        if not stem.isdecimal() or len(stem) > 9:
+        if not (stem.isascii() and stem.isdecimal()) or len(stem) > 9:
             raise WideberthError(
                 f"{path}: a frame is named {short(name, 40)}; wanted a number, as 000123.pcd"
             )
+        if int(stem) in frames:
+            raise WideberthError(f"{path}: frame {int(stem)} is there twice; remove one of them")
         frames[int(stem)] = value
     return frames
 

@@ -178,7 +178,7 @@ def estimated_noise(positions: Array) -> NoiseEstimate:
         for seen, one in zip(known, cut, strict=True)
     ])  # fmt: skip
     used = np.isfinite(found).all(axis=1)
-    looked = np.zeros(positions.shape[:2])
+    looked = np.zeros(positions.shape[:2], dtype=np.bool_)
     looked[track[used, None], rows[used]] = known[used]
     number = int(looked.sum()), int(looked.max(axis=1).sum())
     return NoiseEvidence.none().joined(found, *number).estimate
@@ -187,14 +187,17 @@ def estimated_noise(positions: Array) -> NoiseEstimate:
 def _grid_windows(positions: Array) -> IntArray:
     """Track and first row of each window that holds enough samples, (W, 2)."""
     count, rows, _ = positions.shape
-    if rows < LENGTH:
+    if rows < LENGTH or not count:
         return np.empty((0, 2), dtype=np.int64)
-    known = np.isfinite(positions).all(axis=2)
-    total = np.concatenate([np.zeros((count, 1)), np.cumsum(known, axis=1)], axis=1)
-    enough = total[:, LENGTH:] - total[:, :-LENGTH] >= FEWEST
-    begun = np.argmax(known, axis=1)
-    place = np.arange(rows - LENGTH + 1) - begun[:, None]
-    return np.argwhere(enough & (place % STRIDE == 0)).astype(np.int64)
+    found = []
+    for track in range(count):  # a recording of hours has too many cells for copies of all
+        known = np.isfinite(positions[track]).all(axis=1)
+        total = np.concatenate([[0], np.cumsum(known)])
+        enough = total[LENGTH:] - total[:-LENGTH] >= FEWEST
+        place = np.arange(rows - LENGTH + 1) - np.argmax(known)
+        starts = np.flatnonzero(enough & (place % STRIDE == 0))
+        found.append(np.stack([np.full(len(starts), track), starts], axis=1))
+    return np.concatenate(found).astype(np.int64)
 
 
 def window_likelihoods(windows: Sequence[tuple[Array, Array]]) -> Array:

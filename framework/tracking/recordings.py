@@ -1,8 +1,10 @@
 """Readers of recorded tracks and robot logs in plain text."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -32,11 +34,18 @@ LONGEST_IDENTITY = 100
 """Characters."""
 LARGEST_COORDINATE = 1e8
 """m; a coordinate beyond it is no position on the earth, in whatever frame."""
+_NUMBER = re.compile(
+    r"[-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[-+]?[0-9]+)?|inf|infinity|nan)", re.IGNORECASE
+)
+"""Numbers as all software reads them; Python's own grammar has ``1_5`` and other scripts too."""
+_WHOLE = re.compile(r"(-?[0-9]+)\.0*")
 
-_OF_TIMES = "of a time in s write round(time / dt) as the frame"
 TRACK_COLUMNS = ("frame", "id", "x", "y")
+TIMED_COLUMNS = ("id", "time", "x", "y")
 ROBOT_COLUMNS = ("time", "x", "y", "theta")
-
+_OF_TIMES = "above rows with times in s write the columns' names, such as `id,time,x,y`"
+UNEVEN = 1.5
+"""Usual times between samples that make a gap."""
 
 _MEANINGS = {
     "frame": ("frame", "frames", "frame_id", "frame_number"),
@@ -81,7 +90,7 @@ def _seems_header(line: str, words: list[str], count: int) -> bool:
 
     In a comment one of them must be a known name; otherwise it is prose.
     """
-    if len(words) != count or any(map(_is_number, words)):  # rows of another length are refused
+    if len(words) != count or any(map(is_number, words)):  # rows of another length are refused
         return False
     prose = line.lstrip().startswith("#")
     return not prose or any(_SMALL.sub("", word) in _NAMES for word in words)
@@ -103,11 +112,9 @@ def _is_header(line: str, place: str, columns: tuple[str, ...]) -> bool:
             f"{place}: header not understood: names {short(' '.join(words), 80)}; wanted "
             f"`{' '.join(columns)}` in metres (a comma or blanks between)"
         )
-    cure = "write the columns in this order"
-    if "time" in named and "frame" in columns:
-        cure = f"{_OF_TIMES}, and {cure}"
     raise WideberthError(
-        f"{place} names the columns `{' '.join(named)}`; wanted `{' '.join(columns)}`: {cure}"
+        f"{place} names the columns `{' '.join(named)}`; wanted `{' '.join(columns)}`: write the "
+        "columns in this order"
     )
 
 
@@ -165,12 +172,9 @@ def _text(path: Path, columns: tuple[str, ...]) -> str:
 
 def number(word: str, name: str, path: str | Path, line: int) -> float:
     """Turn one word into a finite number."""
-    try:
-        value = float(word)
-    except ValueError:
-        raise WideberthError(
-            f"{path}, line {line}: {name} is {short(word, 40)}; wanted a number"
-        ) from None
+    if not is_number(word):
+        raise WideberthError(f"{path}, line {line}: {name} is {short(word, 40)}; wanted a number")
+    value = float(word)
     if not np.isfinite(value):
         raise WideberthError(
             f"{path}, line {line}: {name} is {word[:40]}; leave a row out where nothing was seen"
@@ -188,15 +192,9 @@ def read_samples(path: Path) -> tuple[Samples, set[str]]:
     shared: set[str] = set()
     seen: dict[tuple[str, int], Sample] = {}
     for line, words in read_rows(path, TRACK_COLUMNS):
-        frame = number(words[0], "frame", path, line)
-        if frame != round(frame):
-            raise WideberthError(
-                f"{path}, line {line}: frame is {words[0][:40]}; wanted a whole number: "
-                f"{_OF_TIMES} (a robot log of `time x y theta` is read by read_robot_log)"
-            )
-        ident = _identity(words[1], path, line)
+        frame, ident = _frame(words[0], path, line), _identity(words[1], path, line)
         x, y = (number(words[i], TRACK_COLUMNS[i], path, line) for i in (2, 3))
-        key = (ident, round(frame))
+        key = (ident, frame)
         if key in seen and seen[key][1:3] == (x, y):
             raise WideberthError(
                 f"{path}, line {line} repeats frame {key[1]} of id {ident} (line {seen[key][3]}); "
@@ -216,7 +214,7 @@ def read_samples(path: Path) -> tuple[Samples, set[str]]:
     if timed and (shared or len({frame for _, frame in seen}) < len(seen)):
         raise WideberthError(
             f"{path}: the columns seem to be `id time x y`, since the second holds {timed[0]} and "
-            f"the first repeats; wanted `{' '.join(TRACK_COLUMNS)}`: {_OF_TIMES}, and put it first"
+            f"the first repeats; wanted `{' '.join(TRACK_COLUMNS)}`: {_OF_TIMES}"
         )
     return samples, shared
 
@@ -234,11 +232,13 @@ def _assigned(
         return samples, ()
     named = {ident: rows for ident, rows in samples.items() if ident not in shared}
     unnamed = sorted(row for ident in shared for row in samples[ident])
-    identities, tracks = Identities(DEVIATION), Samples()
+    identities, tracks, first = Identities(DEVIATION), Samples(), unnamed[0][0]
     for frame, group in groupby(unnamed, key=lambda row: row[0]):
         rows = list(group)
         places = np.array([row[1:3] for row in rows])
-        for row, obstacle in zip(rows, identities.named(seconds * frame, places), strict=True):
+        for row, obstacle in zip(
+            rows, identities.named(seconds * (frame - first), places), strict=True
+        ):
             tracks.setdefault(f"#{obstacle.ident}", []).append(row)
     listed = ", ".join(sorted(shared)[:3]) + ", ..." * (len(shared) > 3)
     note = (
@@ -250,34 +250,38 @@ def _assigned(
 
 def _is_fraction(word: str) -> bool:
     """Whether a word is a number that is not whole."""
-    if not _is_number(word) or not np.isfinite(float(word)):
+    if not is_number(word) or not np.isfinite(float(word)):
         return False
     return float(word) != round(float(word))
 
 
-def _is_number(word: str) -> bool:
+def is_number(word: str) -> bool:
     """Whether a word is a number, perhaps NaN or infinite."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return _NUMBER.fullmatch(word) is not None
+
+
+def _frame(word: str, path: Path, line: int) -> int:
+    """Return the number of a frame, to its last digit."""
+    value = number(word, "frame", path, line)
+    exact = Decimal(word if value else 0)
+    if exact != int(exact):
+        raise WideberthError(
+            f"{path}, line {line}: frame is {word[:40]}; wanted a whole number: "
+            f"{_OF_TIMES} (a robot log of `time x y theta` is read by read_robot_log)"
+        )
+    return int(exact)
 
 
 def _identity(word: str, path: Path, line: int) -> str:
-    """Return an identity as text; 7.0 and 7 are the same."""
-    try:
-        value = float(word)
-    except ValueError:
-        if len(word) > LONGEST_IDENTITY:
-            raise WideberthError(
-                f"{path}, line {line}: id has {len(word)} characters; wanted at most "
-                f"{LONGEST_IDENTITY}"
-            ) from None
-        return word
-    if not np.isfinite(value):
+    """Return an identity as it is written; only 7.0 and 7 are the same."""
+    if len(word) > LONGEST_IDENTITY:
+        raise WideberthError(
+            f"{path}, line {line}: id has {len(word)} characters; wanted at most "
+            f"{LONGEST_IDENTITY}"
+        )
+    if is_number(word) and word[-1].isalpha():
         raise WideberthError(f"{path}, line {line}: id is {word[:40]}; wanted a name or a number")
-    return str(round(value)) if value == round(value) else word
+    return found[1] if (found := _WHOLE.fullmatch(word)) else word
 
 
 OFF_GRID = 1e-6
@@ -419,11 +423,11 @@ def usual_speed(recordings: Sequence[Recording]) -> float:
     fifth of the speed that one sample in a hundred exceeds.
     """
     parts = [
-        np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt
+        step[np.isfinite(step)] / one.dt
         for one in recordings
+        for step in (np.linalg.norm(np.diff(track, axis=0), axis=1) for track in one.positions)
     ]
     speeds = np.concatenate(parts)
-    speeds = speeds[np.isfinite(speeds)]
     if not speeds.size:
         return float("nan")
     moving = speeds[speeds > min(STOOD, SLOW * float(np.quantile(speeds, 0.99)))]
@@ -451,34 +455,41 @@ def gridded(
     Parameters
     ----------
     times : s, by identity, on one clock; of samples at the same time the first counts.
-    places : of each (T, D), m.
+    places : of each (T, D), m; a sample that is not finite was not seen.
     dt, bridge, minimum_samples, longest_gap : as in `read_robot_log`.
     notes : of the recording.
 
     Raises
     ------
-    WideberthError : numbers that are not above 0, or more than `MOST_CELLS` samples.
+    WideberthError : numbers that are not above 0, more than `MOST_CELLS` samples, or none.
     """
     positive("dt", dt)
     positive("bridge", bridge)
     whole("minimum_samples", minimum_samples)
     positive("longest_gap", longest_gap)
-    clocks, tracks = [], []
-    for ident, own in times.items():
-        clock, first = np.unique(np.array(own), return_index=True)
-        clocks.append(clock)
-        tracks.append(np.array(places[ident])[first])
-    start, end = min(one[0] for one in clocks), max(one[-1] for one in clocks)
+    clocks, tracks = dict[str, Array](), dict[str, Array]()
+    for ident, stamps in times.items():
+        track = np.array(places[ident], dtype=np.float64)
+        seen = np.isfinite(track).all(axis=-1)
+        clock, first = np.unique(np.array(stamps)[seen], return_index=True)
+        if clock.size:
+            clocks[ident], tracks[ident] = clock, track[seen][first]
+    if not clocks:
+        raise WideberthError(f"none of {', '.join(times) or 'no tracks'} is ever seen")
+    notes = [*notes, *(f"never seen: {ident}" for ident in times if ident not in clocks)]
+    start = min(clock[0] for clock in clocks.values())
+    end = max(clock[-1] for clock in clocks.values())
     rows = (end - start) / dt + 1.0
     if rows * len(clocks) > MOST_CELLS:
         raise WideberthError(
             f"{len(clocks)} tracks over {end - start:g} s in steps of {dt:g} s are more than "
-            f"{MOST_CELLS} samples; choose a longer dt"
+            f"{MOST_CELLS} samples; are the times in s? If so, choose a longer dt, or split the "
+            "recording in time"
         )
     grid = start + dt * np.arange(int(rows + OFF_GRID))
-    positions = interpolated(clocks, tracks, grid, bridge, OFF_GRID)
+    positions = interpolated([*clocks.values()], [*tracks.values()], grid, bridge, OFF_GRID)
     reasons = tuple(unusable(track, dt, minimum_samples, longest_gap) for track in positions)
-    return Recording(dt, grid, tuple(times), positions, reasons, tuple(notes))
+    return Recording(dt, grid, tuple(clocks), positions, reasons, tuple(notes))
 
 
 def read_tracks(
@@ -491,20 +502,25 @@ def read_tracks(
 ) -> Recording:
     """Read rows ``frame id x y``, separated by white space or commas.
 
+    Where a header names ``id``, ``time``, ``x`` and ``y``, in any order, the rows have times in s
+    instead of frames, at any rate. They are resampled to ``dt`` along straight lines, across gaps
+    of at most `UNEVEN` usual times between samples or `UNEVEN` dt, whichever is longer.
+
     Parameters
     ----------
     path : text file; ``#`` starts a comment. Rows may be sorted by frame or by identity,
         but frames must increase within each track.
-    dt : s between rows. It cannot be read from the file: the frame rate of the video is
-        not in it (one published copy of the ETH data is 0.667 s, not the usual 0.4 s).
-    frames_per_row : frame numbers between rows; by default the smallest step within a track.
+    dt : s between rows. It cannot be read from frames: the frame rate of the video is
+        not in the file (one published copy of the ETH data is 0.667 s, not the usual 0.4 s).
+    frames_per_row : frame numbers between rows; by default the most frequent step within a track,
+        of equally frequent ones the smallest.
     minimum_samples : a track is usable if a stretch of it has this many samples; 8 is the
         observed part of the usual benchmark.
     longest_gap : s; a longer one ends a stretch.
 
     A track whose frames are not whole steps from the others' is shifted to the nearest row
     (at most half a step), which keeps its motion as it was; the notes tell. A sample that
-    is not a whole number of steps from its own track's start is left out. An identity that one
+    is not a whole number of steps from most others of its track is left out. An identity that one
     frame has at several places names no track: its rows are assigned to tracks "#1", "#2", and so
     on by their positions, see `Identities`; the notes tell.
 
@@ -518,6 +534,9 @@ def read_tracks(
     positive("longest_gap", longest_gap)
     if frames_per_row is not None:
         whole("frames_per_row", frames_per_row)
+    columns = named_columns(Path(path))
+    if sorted(columns) == sorted(TIMED_COLUMNS):
+        return _read_timed(Path(path), columns, dt, minimum_samples, longest_gap)
     samples, shared = read_samples(Path(path))
     step = frames_per_row or _frame_step(samples)
     samples, assigned = _assigned(samples, shared, dt / step)
@@ -632,41 +651,84 @@ def _seem_timed_tracks(rows: list[list[float]]) -> bool:
     return fractions == [True, False]
 
 
+def _read_timed(
+    path: Path, columns: tuple[str, ...], dt: float, minimum_samples: int, longest_gap: float
+) -> Recording:
+    """Read rows with an identity and a time in s, and resample them; see `read_tracks`."""
+    lines: dict[tuple[str, float], int] = {}
+    times: dict[str, list[float]] = {}
+    places: dict[str, list[tuple[float, float]]] = {}
+    for line, words in read_rows(path, columns):
+        cells = dict(zip(columns, words, strict=True))
+        ident = _identity(cells["id"], path, line)
+        time, x, y = (number(cells[name], name, path, line) for name in ("time", "x", "y"))
+        before = lines.setdefault((ident, time), line)
+        if before != line:
+            raise WideberthError(
+                f"{path}, line {line} repeats time {cells['time']} of id {ident} (line {before}); "
+                "remove one of them"
+            )
+        times.setdefault(ident, []).append(time)
+        places.setdefault(ident, []).append((x, y))
+    steps = np.concatenate([np.diff(np.sort(stamps)) for stamps in times.values()])
+    period = float(np.median(steps)) if steps.size else dt
+    bridge = UNEVEN * max(dt, period)
+    note = f"resampled from {period:.3g} s to {dt:g} s, across gaps of up to {bridge:.3g} s"
+    try:
+        return gridded(
+            times, places, dt, bridge=bridge, minimum_samples=minimum_samples,
+            longest_gap=longest_gap, notes=[note],
+        )  # fmt: skip
+    except WideberthError as error:
+        raise WideberthError(f"{path}: {error}") from None
+
+
 def _on_grid(
     samples: Samples, step: int, dt: float, path: str | Path
 ) -> tuple[Array, tuple[str, ...]]:
     """Put samples into rows, (O, T, 2), and say what did not fit."""
-    first = min(rows[0][0] for rows in samples.values())
-    last = max(rows[-1][0] for rows in samples.values())
-    count = -((first - last) // step) + 1
+    usual = _most_frequent(row[0] % step for rows in samples.values() for row in rows)
+    placed: list[list[tuple[int, Sample]]] = []
+    odd: list[str] = []
+    shifts: list[float] = []
+    for ident, rows in samples.items():
+        phase = _most_frequent(row[0] % step for row in rows)
+        offset = (phase - usual + step // 2) % step - step // 2
+        shifts.append(abs(offset) / step * dt)
+        odd += [f"{ident} at {row[0]}" for row in rows if row[0] % step != phase]
+        placed.append([((row[0] - offset) // step, row) for row in rows if row[0] % step == phase])
+    first = min(cells[0][0] for cells in placed)
+    count = max(cells[-1][0] for cells in placed) - first + 1
     if count * len(samples) > MOST_CELLS:
         raise WideberthError(
-            f"{path}: frames {first} to {last} in steps of {step} are {count} rows for "
-            f"{len(samples)} tracks; state frames_per_row"
+            f"{path}: in steps of {step} frames there are {count} rows for {len(samples)} tracks, "
+            f"more than {MOST_CELLS} samples: state frames_per_row if it is another, else split "
+            "the file in time"
         )
     positions = np.full((len(samples), count, 2), np.nan)
-    shifted, dropped, largest = 0, 0, 0.0
-    for track, rows in zip(positions, samples.values(), strict=True):
-        start = round((rows[0][0] - first) / step)
-        shift = abs((rows[0][0] - first) / step - start)
-        shifted += shift > OFF_GRID
-        largest = max(largest, shift * dt)
-        for frame, x, y, _ in rows:
-            steps, rest = divmod(frame - rows[0][0], step)
-            if rest:
-                dropped += 1
-            else:
-                track[start + steps] = x, y
+    for track, cells in zip(positions, placed, strict=True):
+        for row, (_, x, y, _) in cells:
+            track[row - first] = x, y
     notes = [f"frames per row: {step}"]
-    if shifted:
-        notes.append(f"{shifted} tracks shifted in time to the grid, by up to {largest:.3g} s")
-    if dropped:
-        notes.append(f"{dropped} samples left out: not a whole number of steps from their start")
+    if any(shifts):
+        shifted = sum(shift > 0.0 for shift in shifts)
+        notes.append(f"{shifted} tracks shifted in time to the grid, by up to {max(shifts):.3g} s")
+    if odd:
+        listed = ", ".join(odd[:3]) + ", ..." * (len(odd) > 3)
+        notes.append(
+            f"{len(odd)} samples left out: not a whole number of steps from the others of their "
+            f"track: {listed}"
+        )
     return positions, tuple(notes)
 
 
+def _most_frequent(values: Iterable[int]) -> int:
+    """Return the most frequent number; of equally frequent ones the first."""
+    return Counter(values).most_common(1)[0][0]
+
+
 def _frame_step(samples: Samples) -> int:
-    """Return the smallest frame step within a track; across tracks if all have one sample."""
+    """Return the most frequent frame step within a track; across them if all have one sample."""
     steps = [
         after[0] - before[0]
         for rows in samples.values()
@@ -676,7 +738,7 @@ def _frame_step(samples: Samples) -> int:
     if not steps:
         frames = sorted({row[0] for rows in samples.values() for row in rows})
         steps = [b - a for a, b in pairwise(frames)]
-    return min(steps, default=1)
+    return _most_frequent(sorted(steps)) if steps else 1
 
 
 def unusable(track: Array, dt: float, minimum: int, longest_gap: float) -> str | None:

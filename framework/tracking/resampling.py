@@ -13,7 +13,7 @@ from .noise import estimated_noise
 
 IntArray: TypeAlias = NDArray[np.intp]
 
-MOST_CELLS = 50_000_000
+MOST_CELLS = 100_000_000
 """Most (track, row) cells of a grid; more means that its step is wrong."""
 PACE = 1.0
 """m/s per axis, standard deviation of the velocity of a person who may stand or walk."""

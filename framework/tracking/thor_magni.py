@@ -84,10 +84,9 @@ def read_thor_magni(
     if not tracks:
         raise WideberthError(f"{path}: none of {', '.join(people)} is ever seen")
     _check_unit(max(np.nanmax(np.abs(track)) for track in tracks.values()), path)
-    seen = {name: np.isfinite(track).all(axis=1) for name, track in tracks.items()}
     return gridded(
-        {name: clock[seen[name]] for name in tracks},
-        {name: track[seen[name]] / MILLIMETRES for name, track in tracks.items()},
+        dict.fromkeys(tracks, clock),
+        {name: track / MILLIMETRES for name, track in tracks.items()},
         dt,
         bridge=bridge,
         minimum_samples=minimum_samples,

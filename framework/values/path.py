@@ -9,6 +9,11 @@ from numpy.typing import ArrayLike
 from .arrays import FARTHEST, Array, checked, settle
 from .errors import WideberthError
 
+OPPOSITE, BESIDE = -0.5, 0.1
+"""Cosine and m, see `Path.way_back`."""
+SAME = 0.1
+"""m, see `Path.resembles`."""
+
 
 @dataclass(frozen=True, eq=False)
 class Path:
@@ -76,6 +81,12 @@ class Path:
         """The last point, (D,), m."""
         return np.asarray(self.points[-1])
 
+    def resembles(self, other: "Path") -> bool:
+        """Whether no coordinate of its points is more than `SAME` from the other path's."""
+        if self.points.shape != other.points.shape:
+            return False
+        return bool(np.abs(self.points - other.points).max() <= SAME)
+
     def at(self, arc: Array) -> Array:
         """Points at the given arc lengths (...,) -> (..., D), m; clamped to the ends."""
         arc = np.asarray(arc, dtype=np.float64)
@@ -101,6 +112,27 @@ class Path:
         A window keeps a self-crossing path from being cut short: the controller
         searches forward from where it last was.
         """
+        reach, distance = self._nearest_of_each(point, start, window)
+        best = int((distance <= distance.min() + early).argmax())
+        return min(max(float(reach[best]), 0.0), self.length)
+
+    def way_back(self, point: Array, arc: float, window: float) -> float:
+        """Arc length at which the path comes back over itself, m; ``arc`` if it does not.
+
+        The first stretch within [arc, arc + window] counts that runs against the path at ``arc``
+        and is no more than `BESIDE` farther from the point than the nearest one.
+        """
+        reach, distance = self._nearest_of_each(point, arc, window)
+        against = self._pieces[2] @ self.direction(np.array(arc)) < OPPOSITE
+        near = distance <= distance.min() + BESIDE
+        back = np.flatnonzero(against & near)
+        return float(reach[back[0]]) if back.size else arc
+
+    def _nearest_of_each(self, point: Array, start: float, window: float) -> tuple[Array, Array]:
+        """Arc length and distance of the nearest point of each piece in a window, (P - 1,), m.
+
+        The distance of a piece outside the window is infinite.
+        """
         begin, (step, length, _) = self.points[:-1], self._pieces
         along = np.einsum("sd,sd->s", point - begin, step) / length
         before = self.arc[:-1]
@@ -110,5 +142,4 @@ class Path:
         distance = np.sqrt(np.add.reduce(gap * gap, axis=1))
         reach = before + along
         distance[(reach < start - 1e-12) | (reach > start + window + 1e-12)] = np.inf
-        best = int((distance <= distance.min() + early).argmax())
-        return min(max(float(reach[best]), 0.0), self.length)
+        return reach, distance

@@ -127,7 +127,7 @@ class MPPI(CompositeController):
     temperature: Positive = 0.3
     gamma: NonNegative = 0.015
     vx_std: Positive = 0.2
-    wz_std: Positive = 0.4
+    wz_std: NonNegative = 0.4
     vx_max: Annotated[float, Limited("speed")] = 0.5
     vx_min: Annotated[float, Limited("backwards", 0)] = -0.35
     wz_max: Annotated[float, Limited("yaw_rate")] = 1.9
@@ -338,6 +338,8 @@ class MPPI(CompositeController):
         """Replace U by the mean of controls (2, T, B), weighted by their costs."""
         controls = self.memory.controls
         for axis, deviation in enumerate((self.vx_std, self.wz_std)):
+            if deviation == 0.0:  # nothing is drawn along this axis, as in Nav2
+                continue
             gain = np.float32(self.gamma / deviation**2)
             change = noisy[axis] - controls[axis][:, None]
             self.costs += gain * (change * controls[axis][:, None]).sum(axis=0)

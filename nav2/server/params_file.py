@@ -24,6 +24,8 @@ KINDS: dict[str, type] = {
 }  # fmt: skip
 """Settings that plug-ins of the controller server go to -> their classes."""
 SERVER, NODE = "controller_server", "ros__parameters"
+READ = (SERVER, "local_costmap", "velocity_smoother", "behavior_server")
+"""Nodes whose parameters are read."""
 _MISSPELT = 0.95
 """Ratio of `difflib` from which on an unknown plug-in is taken for a known one that is misspelt;
 names of plug-ins are long, and many are alike."""
@@ -85,12 +87,15 @@ def read_params(path: Path | str, controller: str = "FollowPath") -> ParamsFile:
 
     Raises
     ------
-    WideberthError : no such file or controller, a plug-in that is not known, a misspelt name.
+    WideberthError : no such file or controller, a plug-in that is not known, a misspelt name, or
+        nodes of several robots.
     """
     config, twice = read_merged(Path(path))
-    nodes, passed = _nodes(config), list[str]()
+    nodes, passed = _of_one_robot(_nodes(config), path), list[str]()
     if SERVER not in nodes:
         raise WideberthError(f"{path} has no section {SERVER}; is it one of Nav2's?")
+    if "velocity_smoother" in nodes:
+        nodes["velocity_smoother"] = _in_plane(nodes["velocity_smoother"], passed)
     settings = _server(nodes[SERVER], controller, passed)
     settings |= _costmap(nodes.get("local_costmap", {}), passed)
     for node, kind, name in (
@@ -103,22 +108,64 @@ def read_params(path: Path | str, controller: str = "FollowPath") -> ParamsFile:
 
 def is_params_file(path: Path) -> bool:
     """Whether a file is one of Nav2's."""
-    return path.is_file() and SERVER in _nodes(read_merged(path)[0])
+    return path.is_file() and any(node == SERVER for _, node in _nodes(read_merged(path)[0]))
 
 
-def _nodes(config: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the parameters of each node by dotted names; namespaces are left out."""
-    found: dict[str, dict[str, Any]] = {}
+def _nodes(config: Mapping[str, Any], space: str = "") -> dict[tuple[str, str], dict[str, Any]]:
+    """Return the parameters, by dotted names, of each namespace and node."""
+    found: dict[tuple[str, str], dict[str, Any]] = {}
     for name, value in config.items():
         if not isinstance(value, Mapping):
             continue
+        place = f"{space}/{str(name).strip('/')}"
         inner = dict(value)
         given = inner.pop(NODE, None)
-        some = _nodes(inner)
+        parameters = _nodes(inner, place)
         if isinstance(given, Mapping):
-            some[str(name).rpartition("/")[2]] = dict(_flat(given))
-        for node, parameters in some.items():
+            above, _, node = place.rpartition("/")
+            parameters[above, node] = dict(_flat(given))
+        for key, entries in parameters.items():
+            found[key] = found.get(key, {}) | entries
+    return found
+
+
+def _of_one_robot(
+    nodes: Mapping[tuple[str, str], dict[str, Any]], path: Path | str
+) -> dict[str, dict[str, Any]]:
+    """Return the parameters of the nodes that are read, by name.
+
+    A costmap has a namespace of its own name, which is not the robot's; one with a wildcard holds
+    for all robots.
+
+    Raises
+    ------
+    WideberthError : the nodes are of several robots.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    robots: dict[str, set[str]] = {}
+    for (space, node), parameters in nodes.items():
+        if node in READ:
+            robot = space.removesuffix(f"/{node}")
+            robots.setdefault(node, set()).update([robot] * ("*" not in robot))
             found[node] = found.get(node, {}) | parameters
+    several = set[str]().union(*robots.values())
+    if len(several - {""}) > 1 or any(len(spaces) > 1 for spaces in robots.values()):
+        names = ", ".join(sorted(robot or "/" for robot in several))
+        raise WideberthError(
+            f"{path} has nodes of {len(several)} robots, in the namespaces {names}; wanted those "
+            "of one: keep its part of the file"
+        )
+    return found
+
+
+def _in_plane(given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
+    """Return the smoother's parameters, of six velocities those of vx, vy and the yaw rate."""
+    found = dict(given)
+    for name, value in given.items():
+        if isinstance(value, list) and len(value) == 6:
+            found[name] = [value[0], value[1], value[5]]
+            if any(value[2:5]):
+                passed.append(f"velocity_smoother.{name}: of z, roll and pitch")
     return found
 
 
@@ -373,8 +420,8 @@ def _layer(place: str, given: Mapping[str, Any], passed: list[str]) -> dict[str,
 
 
 def _outline(value: Any) -> tuple[tuple[float, float], ...]:
-    """Return the corners that Nav2 writes as text, [[x, y], ...]."""
-    corners = parse(value, "footprint") if isinstance(value, str) else value
+    """Return the corners that Nav2 writes as text, [[x, y], ...]; empty text has none."""
+    corners = parse(value or "[]", "footprint") if isinstance(value, str) else value
     try:
         return tuple((float(x), float(y)) for x, y in corners)
     except (TypeError, ValueError):

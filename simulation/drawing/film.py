@@ -175,7 +175,7 @@ class FilmStage:
             Actor(panel, log, styles[log.name], tail, regions) for log in episode.agents
         ]
         self._legend(styles, tail)
-        self.text: Any = panel.set_title(self._words(0.0), loc="left")
+        self.text: Any = panel.set_title(self._words(0.0), loc="left", parse_math=False)
 
     @property
     def moving(self) -> list[Any]:

@@ -14,6 +14,7 @@ from . import artists
 from .logged import DrawnAgent, Logged
 
 _MARK = 5.0  # s between two time marks
+_MANY = 8  # agents; of more the ways of those that are no robots are drawn thin and pale
 
 
 def draw_episode(panel: Any, episode: Logged) -> Array:
@@ -123,12 +124,16 @@ def _way(panel: Any, episode: Logged, log: DrawnAgent, look: artists.Look) -> No
         label: str | None = f"{log.name}, marks every {_MARK:g} s"
     else:
         label = once(panel, "replayed" if log.kind == "replay" else log.kind)
+    many = log.kind != "robot" and len(episode.agents) > _MANY
+    thin: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.5} if many else {}
     marks = episode.at(log, np.arange(_MARK, episode.duration, _MARK))
-    panel.plot(*log.positions[:, :2].T, color=look.color, linestyle=look.linestyle)
-    panel.plot(*marks[:, :2].T, look.marker, color=look.color, markersize=3)
+    panel.plot(*log.positions[:, :2].T, color=look.color, linestyle=look.linestyle, **thin)
+    size = 1.5 if many else 3.0
+    panel.plot(*marks[:, :2].T, look.marker, color=look.color, markersize=size)
     panel.plot(
-        [], [], look.marker, color=look.color, linestyle=look.linestyle, markersize=3, label=label
-    )
+        [], [], look.marker, color=look.color, linestyle=look.linestyle, markersize=size,
+        label=label,
+    )  # fmt: skip
 
 
 def write_times(panel: Any, episode: Logged, taken: Array, every: float) -> None:

@@ -9,6 +9,7 @@ from ...framework.numerics.chi_square import content_bound
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...metrics.statistics import known_mean
+from ...metrics.tracking import nees
 from ..log.episode_log import Episode
 from ..log.frames import RigidMotion
 from ..log.perception_log import Glance, named
@@ -77,7 +78,7 @@ def _of_robot(glances: Sequence[Glance]) -> dict[str, float]:
 
 def _judged(name: str, pairs: Sequence[tuple[Array, Array]], size: int) -> dict[str, float]:
     """Return the mean of e' P^-1 e, and the share of it within the nominal 95 %."""
-    squares = np.array([_squared(error, spread) for error, spread in pairs])
+    squares = np.array([nees(error, spread) for error, spread in pairs])
     squares = squares[~np.isnan(squares)]
     inside = squares <= content_bound(size, 0.05)
     return {f"{name}_nees": known_mean(squares), f"{name}_coverage": known_mean(inside)}
@@ -122,13 +123,6 @@ def _tracked(one: Glance) -> list[tuple[Array, Array]]:
             joint = rotation @ obstacle.covariance @ rotation.T
             pairs.append((np.concatenate([place, speed]), joint))
     return pairs
-
-
-def _squared(error: Array, covariance: Array) -> float:
-    """E' P^-1 e; NaN where P is singular, as that of the truth is."""
-    if not np.linalg.det(covariance) > 0.0:
-        return float("nan")
-    return float(error @ np.linalg.solve(covariance, error))
 
 
 def _root(errors: Array) -> float:

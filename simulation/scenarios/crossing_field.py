@@ -19,7 +19,7 @@ CALM = 4.0
 DRAWS = 200
 """Tries to place a walker before the ranges are said to leave no room."""
 SPAN = (-60.0, 200.0)
-"""s, from when to when walkers are there."""
+"""s, from when to when walkers are there, longer where the robot's way takes longer."""
 SAMPLE_TIME = 0.2
 """s between the instants at which their ways are drawn; straight in between."""
 WALKER_SPEED = (0.3, 0.7)
@@ -82,7 +82,8 @@ class CrossingField(Scenario):
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[ReplayAgent, ...]:
         """Draw the walkers, one after the other, with room between them."""
-        times = np.arange(SPAN[0], SPAN[1] + SAMPLE_TIME, SAMPLE_TIME)
+        last = max(SPAN[1], 2.0 * self.reach / self.speed)
+        times = np.arange(SPAN[0], last + SAMPLE_TIME, SAMPLE_TIME)
         robot = placements[0].path.at(self.speed * np.clip(times, 0.0, CALM))
         first = times <= CALM
         room = 2.0 * self.walker_radius + ROOM

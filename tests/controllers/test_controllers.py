@@ -13,6 +13,7 @@ from wideberth.framework.control.command_limits import attained
 from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.registry import load, names
+from wideberth.framework.robot import step
 from wideberth.framework.testing.controller import check_controller
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
@@ -193,6 +194,25 @@ def test_guide_looks_ahead_along_the_path_and_slows_down():
     near = guide.velocity(np.array([4.0, 2.9]), np.inf, 0.5)
     np.testing.assert_allclose(near, (0.0, 0.1))  # 0.1 m in 1 s
     assert not guide.velocity(np.array([4.0, 3.0]), np.inf, 0.5).any()
+
+
+@pytest.mark.parametrize("points", [
+    ((0.0, 0.0), (4.0, 0.0), (-1.0, 0.0)), ((0.0, 0.0), (4.0, 0.0), (4.0, 0.1), (0.0, 0.1)),
+    ((0.0, 0.0), (4.0, 0.0), (4.0, 2.0), (4.0, 0.0), (8.0, 0.0)),
+])  # fmt: skip
+@pytest.mark.parametrize("name", ["pure_pursuit", "dynamic_window", "social_force"])
+def test_a_path_back_over_itself_is_followed_to_its_end(name, points):
+    controller = build("controllers", {"type": name, "robot": "holonomic"})
+    path = Path(points)
+    controller.set_path(path)
+    state = np.zeros(4)
+    for k in range(450):
+        if k % 10 == 0:
+            controller.set_path(Path(path.points + 0.0001 * (k // 10)))
+        command = controller.command(Observation(0.1 * k, state))
+        control = controller.robot.drive(tuple(state), command.twist, 0.1)
+        state = np.array(step(controller.robot, tuple(state), control, 0.1))
+    np.testing.assert_allclose(state, (*path.goal, 0.0, 0.0), atol=0.1)
 
 
 def test_presets_drive_in_space():

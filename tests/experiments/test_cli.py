@@ -84,7 +84,8 @@ def test_figures_runs_what_has_no_result(shell) -> None:  # type: ignore[no-unty
 def test_list(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, _ = shell("list", "robots")
     assert code == 0 and [line.split()[0] for line in out.splitlines()] == names("robots")
-    assert "unicycle            Skid-steered robot seen as a unicycle.\n" in out
+    line = "unicycle            Skid-steered robot seen as a unicycle."
+    assert f"{line} Radius 0.75 m unless stated.\n" in out
 
 
 def test_check(shell) -> None:  # type: ignore[no-untyped-def]
@@ -192,7 +193,8 @@ def test_demo_names_shipped_configs() -> None:
         (["figures", "coinz"], "unknown config 'coinz'"),
         (["list", "robotz"], "did you mean 'robots'"),
         (["check", "robot", "unicicle"], "did you mean 'unicycle'"),
-        (["check", "experiment", "crossing"], "unknown contract check 'experiment'"),
+        (["check", "experiment", "crossing"], "`wideberth run crossing --quick` tries one"),
+        (["check", "study", "crossing"], "`wideberth run crossing --quick` tries one"),
         (["show", "results/none"], "holds no result"),
         (["cite", "none"], "unknown config 'none'"),
     ],

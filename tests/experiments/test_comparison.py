@@ -15,7 +15,13 @@ from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.agility import AGILITY, agile
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.comparison_figures import _front, _pairs
-from wideberth.experiments.studies.episode_statistics import against, condensed, means, promised
+from wideberth.experiments.studies.episode_statistics import (
+    against,
+    condensed,
+    means,
+    promised,
+    signed_rank,
+)
 from wideberth.framework.controller import Controller, DrivesRobot, driving
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError
@@ -157,6 +163,15 @@ def test_pairs_are_of_one_seed() -> None:
     found = against(first, second)
     assert (found["only_this"], found["only_baseline"]) == (0, 1)
     assert found["time_difference_s"] == 2.0
+    assert found["p_time"] == 0.25  # of the differences 1, 2 and 3 s
+
+
+def test_the_chance_of_a_difference_of_times() -> None:
+    """Of n differences of one sign the exact p value is 2 / 2^n."""
+    for n in (3, 6, 9):
+        assert signed_rank(np.arange(1.0, n + 1.0)) == pytest.approx(2.0 / 2**n)
+    assert signed_rank(np.array([np.nan, 0.0, 1.0, 2.0, 3.0])) == pytest.approx(0.25)
+    assert signed_rank(np.zeros(3)) == 1.0 and np.isnan(signed_rank(np.array([np.nan])))
 
 
 @pytest.mark.parametrize(("seeds", "known"), [(9, False), (10, True)])

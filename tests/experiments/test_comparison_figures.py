@@ -7,14 +7,19 @@ import pytest
 from matplotlib import pyplot
 
 from wideberth.experiments.drawing.plotting import few, paper_style, subplots
+from wideberth.experiments.drawing.shaded_tables import shaded
 from wideberth.experiments.drawing.trade_off_markers import (
     LEAST_CLEARANCE,
     LEAST_TIME,
     front_legend,
+    front_looks,
+    mark,
+    nest,
 )
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.studies import closed_loop_risk
 from wideberth.experiments.studies import comparison_figures as figures
+from wideberth.experiments.studies.planner_parts import draw_tables
 from wideberth.experiments.studies.replay import compare
 
 NAMES = ["ours", "orca", "lost"]
@@ -58,7 +63,7 @@ def test_whiskers_of_outcomes_are_explained_or_left_out(seeds: int) -> None:
     if seeds < 10:
         assert not whiskers and words == "4 episodes each: too few for intervals"
     else:
-        assert len(whiskers) == 2 * 2 * len(NAMES)  # each on a white one
+        assert len(whiskers) == 2 * len(NAMES)
         assert words == "whiskers: intervals of 95 %, above of success, below of collision"
 
 
@@ -138,3 +143,44 @@ def test_a_legend_of_long_names_has_fewer_columns_and_is_seen_whole() -> None:
         (legend,) = figure.legends
         assert legend._ncols == columns  # type: ignore[attr-defined]
         assert legend.get_window_extent().width <= figure.bbox.width
+
+
+def test_markers_at_one_place_are_all_seen() -> None:
+    """The ones below are larger, so that their rims stand around the ones above."""
+    _, panel = subplots()
+    rows = [
+        {"success": True, "success_time": 10.0, "clearance": 0.2},
+        {"success": True, "success_time": 12.0, "clearance": 0.4},
+    ]
+    for name, look in front_looks(["a", "b", "c"]).items():
+        mark(panel, rows[1:] if name == "c" else rows[:1], "success_time", look)
+    nest(panel)
+    sizes = [line.get_markersize() for line in panel.lines if line.get_marker() != "None"]
+    assert sizes == [9.0, 5.0, 5.0]
+
+
+def test_whiskers_stand_beside_the_bars() -> None:
+    rows = [{"outcome": "success" if i % 2 else "timeout"} for i in range(12)]
+    _, panel = subplots()
+    figures._bar(panel, 0, rows)
+    half = 0.5 * panel.patches[0].get_height()
+    heights = [float(line.get_ydata()[0]) for line in panel.lines]
+    assert len(heights) == 2 and all(abs(height) > half for height in heights)
+
+
+def test_numbers_that_are_printed_alike_have_one_colour() -> None:
+    _, panel = subplots()
+    shaded(panel, np.array([[0.896, 0.9], [1.0, np.nan]]), ".2f", better_high=True)
+    shades = panel.images[0].get_array()
+    assert shades[0, 0] == shades[0, 1] == 0.0 and shades[1, 0] == 1.0
+    shaded(panel, np.array([[1.0, 1.001]]), ".2f", better_high=True)
+    assert (panel.images[1].get_array() == 0.0).all()  # nothing is better than another
+
+
+def test_planner_parts_name_axes_and_episodes() -> None:
+    line = {"region": "r", "success": 1.0, "time_mean_s": 9.0, "intrusion_share": 0.1}
+    lines = [{**line, "predictor": name, "episodes": n} for name, n in (("p", 4), ("q", 3))]
+    figure = draw_tables(lines)
+    assert [panel.get_ylabel() for panel in figure.axes] == ["predictor"] * 3
+    assert figure.axes[-1].get_xlabel() == "region"
+    assert all("n = 3 to 4" in panel.get_title() for panel in figure.axes)

@@ -17,7 +17,7 @@ from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.describing import described, listed, split, summary
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build
-from wideberth.framework.plugins.registry import ROOMS, load
+from wideberth.framework.plugins.registry import ROOMS, load, names
 from wideberth.framework.values.errors import WideberthError
 
 
@@ -92,6 +92,13 @@ def test_everything_is_listed_with_a_line(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.syspath_prepend(tmp_path)
     assert summary("other:Mine") == "A third one." and "other" not in sys.modules
     assert summary("other:Yours") == summary("nowhere.at_all:Mine") == ""
+
+
+def test_the_list_of_robots_states_their_radii() -> None:
+    rows = dict(line.split(maxsplit=1) for line in describing.room_lines("robot"))
+    for name in names("robots"):
+        assert rows[name].endswith(f"Radius {build('robots', name).radius:g} m unless stated.")
+    assert "Radius 0.75 m" in rows["unicycle"] and "Radius 0.75 m" in printed("list")
 
 
 @pytest.mark.parametrize(

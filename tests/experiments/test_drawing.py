@@ -3,15 +3,17 @@
 import io
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path as Folder
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from PIL import Image
 from scipy.stats import chi2
 
 from wideberth.experiments.drawing.animation import animate
 from wideberth.experiments.drawing.episodes import draw_run, draw_views
-from wideberth.experiments.drawing.plotting import paper_style, save
+from wideberth.experiments.drawing.plotting import legend_below, paper_style, save, subplots
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
@@ -300,3 +302,27 @@ def test_film_of_many_and_of_one():
 def test_film_refuses(settings):
     with pytest.raises(WideberthError, match=next(iter(settings))):
         animate(episode(), **{"tail": TAIL, **settings})
+
+
+@pytest.mark.parametrize("name", ["price$$low", "5$ to 10$", "$x_1$", "a $\\nothing$ b", "1 $"])
+def test_dollar_signs_of_names_are_printed(tmp_path: Folder, name: str) -> None:
+    """At every place at which figures print names; a formula of a study stays one."""
+    figure, panel = subplots()
+    panel.plot([1.0, 2.0], [1.0, 100.0], label=name)
+    panel.set(title=name, ylabel=name, xlabel="$\\rho$ (m)", yscale="log")
+    panel.set_xticks([1.0, 2.0], [name, "usual"])
+    panel.annotate(name, (1.5, 10.0))
+    legend_below(figure, [panel])
+    save(figure, tmp_path, "names")
+    printed = [text for text in figure.findobj(Text) if text.get_text() == name]
+    assert len(printed) >= 5 and not any(text.get_parse_math() for text in printed)
+    assert panel.xaxis.label.get_parse_math()
+    powers = [text for text in panel.get_yticklabels() if "mathdefault" in text.get_text()]
+    assert powers and all(text.get_parse_math() for text in powers)
+
+
+def test_ways_of_many_others_are_pale():
+    for count, pale in ((2, False), (12, True)):
+        figure = draw_run(episode(*(walker(str(i)) for i in range(count))))
+        ways = [line for line in figure.axes[0].lines if line.get_color() == "0.55"]
+        assert any(line.get_alpha() == 0.5 for line in ways) == pale

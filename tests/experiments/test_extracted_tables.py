@@ -1,5 +1,6 @@
 """Parts of a result's tables: which table, which cells, which digits."""
 
+from html import unescape
 from math import inf, log10, nan
 from pathlib import Path
 
@@ -84,6 +85,47 @@ def test_a_cell_of_a_pivot_is_the_mean_of_its_lines(tmp_path: Path) -> None:
     assert extract(single, pivot=["controller", "speed_mps", "time_mean_s"]).note == ""
 
 
+@pytest.mark.parametrize("across", ["delay_s", "controller"])
+def test_labels_of_a_pivot_that_print_alike_stay_apart(tmp_path: Path, across: str) -> None:
+    """Each label has a column, and a line, of its own; those that are not known share one."""
+    lines = {"delay_s": "controller", "controller": "delay_s"}[across]
+    labels = [1000.1, 1000.2, 1e-9, -0.0, nan, nan]
+    rows: list[Row] = [
+        {"controller": "controller", "delay_s": label, "time_s": float(i)}
+        for i, label in enumerate(labels)
+    ]
+    chosen = extract(result(tmp_path, table=rows), pivot=[lines, across, "time_s"])
+    if across == "delay_s":
+        heads = ["controller", "1000.1 s", "1000.2 s", "1e\u221209 s", "0.0 s", "\u2013 s"]
+        assert list(chosen.rows[0].items()) == list(
+            zip(heads, ["controller", 0.0, 1.0, 2.0, 3.0, 4.5], strict=True)
+        )
+    else:
+        assert [list(row.values()) for row in chosen.rows] == [
+            ["1000.1", 0.0], ["1000.2", 1.0], ["1e\u221209", 2.0], ["0.0", 3.0], ["\u2013", 4.5],
+        ]  # fmt: skip
+
+
+def test_a_label_named_as_the_column_of_the_lines_keeps_its_own_column(tmp_path: Path) -> None:
+    rows: list[Row] = [{"a": "x", "b": "a", "c": 1.0}, {"a": "x", "b": "a (2)", "c": 2.0}]
+    (row,) = extract(result(tmp_path, table=rows), pivot=["a", "b", "c"]).rows
+    assert row["a"] == "x" and sorted(row.values(), key=str) == [1.0, 2.0, "x"]
+
+
+def test_latex_reads_no_line_as_an_option_and_no_minus_as_a_hyphen() -> None:
+    """Blanks behind a line's end do not keep LaTeX from reading `[` or `*` as its option."""
+    names = ["[1 m]", " [b]", "\n*c", "ours-2"]
+    rows: list[Row] = [
+        {"controller": name, "x": x}
+        for name, x in zip(names, [-1.5, -1e-9, -inf, 2.0], strict=True)
+    ]
+    lines = latex_text(Extract(rows)).splitlines()[4:-2]
+    assert lines == [
+        r"{}[1 m] & $-$1.50000 \\", r"{}[b] & 0.00000 \\", r"{}*c & $-$$\infty$ \\",
+        r"ours-2 & 2.00000 \\",
+    ]  # fmt: skip
+
+
 def test_a_pivot_of_shares_is_in_per_cent(tmp_path: Path) -> None:
     rows: list[Row] = [{"controller": "ours", "speed_mps": 0.5, "success": 0.875}]
     chosen = extract(result(tmp_path, summary=rows), pivot=["controller", "speed_mps", "success"])
@@ -148,7 +190,7 @@ def test_answers_are_those_of_the_study(tmp_path: Path) -> None:
         ([1234.0, 0.00123], ["1234.00", "<0.01"]),
         ([1234.0, 0.0049], ["1234.00", "<0.01"]),
         ([1234.0, 0.0051], ["1234.00", "0.01"]),
-        ([-1234.0, -0.00123], ["-1234.00", "-0.00"]),
+        ([-1234.0, -0.00123], ["-1234.00", "0.00"]),
         ([1234.0, 1.26], ["1234.0", "1.3"]),
         ([99.99, 10.0], ["99.99", "10.00"]),
         ([1.0, 2.0], ["1", "2"]),
@@ -175,3 +217,16 @@ def test_two_digits_of_an_error_are_enough(error: float) -> None:
 
 def test_without_an_error_there_are_four_digits() -> None:
     assert aligned([97.65432, 8.125]) == ["97.65", "8.12"]
+
+
+@pytest.mark.parametrize(
+    "name", ["_a_", "__b__", "a_b", "a__b", "~~c~~", "$d$ and $e$", "*f*", "[g](h)", "`i`", "<j>"]
+)
+def test_markdown_shows_a_name_as_it_is(name: str) -> None:
+    """Against another library: the table's cell is read back as the plain text of the name."""
+    markdown = pytest.importorskip("markdown_it", reason="renders Markdown, of the extra docs")
+    page = markdown.MarkdownIt("commonmark").enable(["table", "strikethrough"])
+    html = page.render(markdown_text(Extract([{"controller": name, "x": 1.0}])))
+    cell = html.split("<td")[1].split(">", 1)[1].split("</td>")[0]
+    assert unescape(cell) == name and "<" not in cell
+    assert "$" not in markdown_text(Extract([{"x": name}])).replace("\\$", "")  # read as formulas

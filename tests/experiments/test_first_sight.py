@@ -10,7 +10,15 @@ import pytest
 from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies.first_sight import SEEN, FirstSight, Sights, counted
+from wideberth.experiments.studies.first_sight import (
+    MOTIONS,
+    SEEN,
+    SHOWN,
+    FirstSight,
+    Sights,
+    _line,
+    counted,
+)
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.tracking.noise import USUAL
 from wideberth.framework.tracking.recordings import Recording
@@ -54,8 +62,12 @@ def test_a_true_forecast_is_missed_as_often_as_it_says() -> None:
     for one, walk in enumerate(walks):
         begin = one % 50
         walk[:begin] = walk[begin + 12 :] = np.nan
-    found = {row["seen"]: row for row in counted(sights(Stay(0.3), walks, rows=60))}
+    rows = counted(sights(Stay(0.3), walks, rows=60))
+    found = {row["seen"]: row for row in rows if row["motion"] == "all"}
     assert set(found) == {"all", *SEEN}
+    kinds = [row for row in rows if row["motion"] in MOTIONS]
+    for name in ("people", "steps", "steps_missed"):
+        assert sum(row[name] for row in kinds) == found["all"][name]
     assert sum(found[name]["people"] for name in SEEN) == found["all"]["people"]
     for row in found.values():
         share, most = row["steps_missed"] / row["steps"], row["steps"] / 4  # steps hang together
@@ -106,13 +118,49 @@ def test_shares_are_counted_over_people_and_steps() -> None:
     seen, known = np.array([1, 9]), np.array([[True, True, False], [True, True, True]])
     missed = np.array([[True, False, False], [False, False, True]])
     radius = np.array([[1.0, 2.0, 3.0], [3.0, 4.0, 9.0]])
-    fine = Sights(np.array([9]), np.ones((1, 3), bool), np.zeros((1, 3), bool), radius[:1])
-    every, once, *_, often = counted([Sights(seen, known, missed, radius), fine])
+    motion = np.array([1, 4])
+    fine = Sights(
+        np.array([9]), motion[:1], np.ones((1, 3), bool), np.zeros((1, 3), bool), radius[:1]
+    )
+    rows = counted([Sights(seen, motion, known, missed, radius), fine])
+    every, once, _, _, often = (row for row in rows if row["motion"] == "all")
+    starting, walking = (row for row in rows if row["motion"] in ("starting", "walking on"))
     assert (every["people"], every["steps"], every["steps_missed"]) == (3, 8, 2)
     assert (every["plans"], every["plans_missed"]) == (2, 1)
     assert (once["people"], once["steps"], once["steps_missed"]) == (1, 2, 1)
     assert (often["known_last"], often["missed_last"], often["radius_last_m"]) == (2, 1, 6.0)
+    assert (starting["people"], starting["steps"], starting["steps_missed"]) == (2, 5, 1)
+    assert (walking["people"], walking["steps_missed"], walking["missed_last"]) == (1, 1, 1)
     assert (once["known_last"], once["missed_first"], once["radius_middle_m"]) == (0, 1, 2.0)
+
+
+def test_motions_are_those_of_the_path() -> None:
+    """Of paths of 12 s, at their middle; speeds of 1 m/s and steps of 0.4 s."""
+    halves = {
+        "standing": ((0, 0), (0, 0)), "starting": ((0, 0), (1, 0)), "stopping": ((1, 0), (0, 0)),
+        "turning": ((1, 0), (0, 1)), "walking on": ((1, 0), (0.9, 0.3)),
+        "other": ((0.3, 0), (1, 0)),
+    }  # fmt: skip
+    assert tuple(halves) == MOTIONS
+    steps = np.arange(-15, 16)[:, None]
+    paths = [DT * np.where(steps < 0, steps * np.array(old), steps * np.array(new))
+             for old, new in halves.values()]  # fmt: skip
+    found = sights(Stay(0.3), np.array(paths), rows=31)
+    assert [MOTIONS[kind] for kind in found[15].motion] == list(MOTIONS)
+    alone = np.array(paths)[:, 15:]
+    first = sights(Stay(0.3), alone, rows=16)[0]
+    wanted = ["standing", "walking on", "standing", "walking on", "walking on", "walking on"]
+    assert [MOTIONS[kind] for kind in first.motion] == wanted, "the first step counts"
+
+
+def test_the_interval_is_that_of_whole_episodes() -> None:
+    """Of four episodes one is missed: a share of 0 to 0.75, however many steps they have."""
+    row = {"people": 1, "plans": 1, "plans_missed": 0, "scene": "hall"}
+    row |= {f"{name}_{at}": 1 for name in ("known", "missed") for at in SHOWN}
+    row |= {f"radius_{at}_m": 1.0 for at in SHOWN}
+    rows = [row | {"episode": k, "steps": 50, "steps_missed": 50 * (k == 2)} for k in range(4)]
+    line = _line(rows, "scene")
+    assert (line["missed"], line["missed_low"], line["missed_high"]) == (0.25, 0.0, 0.75)
 
 
 @pytest.fixture(scope="module")

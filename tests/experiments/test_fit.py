@@ -171,7 +171,7 @@ def test_a_config_file_its_overrides_and_a_saved_one_are_taken(shell) -> None:  
             "single_gaussian learnt nothing: no part that its fit reaches",
         ),
         (("pacer", "none.txt"), r"none\.txt cannot be read"),
-        (("pacer", "."), r"a folder without a file \*\.txt"),
+        (("pacer", "."), r"a folder without a file \*\.txt; .* as in \*\.csv"),
         (("none.json", CROWD), r"no such file: none\.json"),
         (("walkers/none", CROWD), "no such file: walkers/none"),
         (("odd.yaml", CROWD), r"odd\.yaml: unknown key 'savd': did you mean 'saved'"),

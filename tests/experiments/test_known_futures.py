@@ -203,3 +203,12 @@ def test_what_no_constructor_sees_is_refused_before_the_work(
     none = small(shipped, most_obstacles=0).decide("only", *seen)
     with pytest.raises(WideberthError, match="holds none of the forecast obstacles"):
         Futures.of(none, np.random.default_rng(0), 1)
+
+
+def test_an_obstacle_out_of_reach_of_a_narrow_region_has_futures_too() -> None:
+    """Of the planner that keeps clear of the means alone, at the first instant of seed 1."""
+    study, _ = read_experiment("known_futures", ["seed=1"])
+    assert isinstance(study, KnownFutures)
+    way, seen = study.watched(min(study.instants))
+    futures = Futures.of(study.decide("means", way, seen), np.random.default_rng(0), 3)
+    assert futures.names == ("upper",) and len(futures.draws) == 3

@@ -87,7 +87,7 @@ def test_columns_and_pivots(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     assert not shown(folder, "--pivot", pivot, "--latex")
     out = capsys.readouterr().out
     assert r" & \multicolumn{2}{c}{clearance min (m)} \\" in out
-    assert r"predictor & disc & box\_1 \\" in out and r"var & 0.5 & -0.75 \\" in out
+    assert r"predictor & disc & box\_1 \\" in out and r"var & 0.5 & $-$0.75 \\" in out
     assert not shown(folder, "--columns", "predictor,extra_time,gave_way", "--latex")
     out = capsys.readouterr().out  # unknown and endless numbers
     assert r"kalman & -- &  \\" in out and r"var & $\infty$ &  \\" in out
@@ -103,6 +103,16 @@ def test_columns_and_pivots(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     printed = capsys.readouterr()  # the seed without a clearance is not left out of its mean
     assert "| False | 1 | \u2013 |" in printed.out and "| True | 3 | \u2013 |" in printed.out
     assert printed.err == "each cell is the mean of up to 2 lines of table.csv\n"
+
+
+def test_a_list_of_columns_may_have_spaces(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not shown(folder, "--columns", "region,clearance_min_m")
+    printed = capsys.readouterr().out
+    assert not shown(folder, "--columns", "region, clearance min (m)")
+    assert capsys.readouterr().out == printed
+    assert not shown(folder, "--pivot", "predictor, region, clearance_min_m")
 
 
 @pytest.mark.parametrize(

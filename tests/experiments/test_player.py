@@ -18,6 +18,7 @@ from wideberth.experiments.report.page import PLAYER, TEMPLATES
 from wideberth.experiments.report.player import (
     LENGTH,
     TIME,
+    Recorded,
     content,
     ellipses,
     find_episodes,
@@ -249,3 +250,48 @@ def test_script_decodes_and_steps_as_the_episode_says() -> None:
         "This controller makes no plans.",
     ]
     assert found["facts"]["rung"] == "shifted last plan" and found["facts"]["level"] == "1.5"
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="needs node")
+def test_keys_step_wherever_the_focus_is() -> None:
+    """A key that the focused element uses itself keeps its use; other players keep theirs."""
+    cases = {
+        ("ArrowRight", "own", "SELECT", "select-one"): True,
+        ("ArrowLeft", "own", "INPUT", "radio"): True,
+        ("ArrowLeft", "own", "INPUT", "range"): True,
+        ("ArrowRight", "page", "BODY", ""): True,
+        ("ArrowRight", "page", "A", ""): True,
+        (" ", "own", "SECTION", ""): True,
+        ("End", "own", "SECTION", ""): True,
+        ("ArrowDown", "own", "SELECT", "select-one"): False,
+        ("ArrowDown", "page", "BODY", ""): False,  # it scrolls
+        (" ", "own", "BUTTON", "button"): False,
+        ("ArrowRight", "other", "SECTION", ""): False,
+        ("ArrowRight", "page", "INPUT", "text"): False,
+        ("r", "page", "INPUT", "search"): False,
+    }
+    script = f"""
+      const player = require({json.dumps(str(TEMPLATES / PLAYER[0]))});
+      const cases = {json.dumps([list(case) for case in cases])};
+      console.log(JSON.stringify(cases.map((case_) => player.takesKey(...case_))));
+    """
+    done = subprocess.run(["node", "-e", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == list(cases.values())
+
+
+def test_the_play_button_stands_above_the_views() -> None:
+    """The views are as tall as the window: below them it would be out of sight at first."""
+    template = (TEMPLATES / "player.html").read_text(encoding="utf-8")
+    places = [template.index(f'class="{name}"') for name in ("go", "time", "views", "side")]
+    assert places == sorted(places)
+    areas = re.findall(
+        r'grid-template-areas: "(\w+)[^"]*" "(\w+)', (TEMPLATES / "page.css").read_text()
+    )
+    assert areas == [("controls", "views")] * 2
+
+
+def test_captions_are_names() -> None:
+    """Of runs that differ in the seed alone a bare number would say nothing."""
+    one = Recorded("comparison-3", {"scenario": "circle", "seed": "3"}, "", "")
+    assert one.label(["seed"]) == "seed 3" and one.label(["scenario"]) == "circle"

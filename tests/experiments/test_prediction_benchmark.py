@@ -293,3 +293,38 @@ def test_schoeller_is_shipped_with_its_protocol() -> None:
     assert isinstance(experiment, PredictionBenchmark)
     assert experiment.protocol.windows == "schoeller" and not experiment.fit
     assert [path.parent for path in experiment.inputs()] == [DATA] * len(experiment.inputs())
+
+
+def test_scenes_of_one_name_are_all_there(tmp_path: Path) -> None:
+    for name in ("hall.txt", "hall.csv", "yard.txt"):
+        write(tmp_path, name, wanderers(3))
+    write(tmp_path / "night", "yard.txt", wanderers(4))
+    every = PredictionData(str(tmp_path), pattern="**/*.*")
+    assert list(every.found()) == ["hall.csv", "hall.txt", "night/yard.txt", "yard.txt"]
+    assert list(PredictionData(str(tmp_path)).found()) == ["hall", "yard"]
+
+
+def test_patterns_with_folders_look_there(tmp_path: Path) -> None:
+    write(tmp_path, "yard.txt", wanderers(3))
+    for seed, day in enumerate(("day_1", "day_2")):
+        write(tmp_path / day, "yard.txt", wanderers(seed, rows=20))
+        write(tmp_path / day, f"hall{day[-1]}.txt", wanderers(seed))
+    data = PredictionData(str(tmp_path), pattern="day_*/yard.txt")
+    scenes = data.found()
+    assert list(scenes) == ["day_1/yard.txt", "day_2/yard.txt"]
+    assert [len(one.times) for scene in scenes.values() for one in data.read(scene)] == [20, 20]
+    assert data.size(scenes["day_1/yard.txt"]) > 0
+    assert list(PredictionData(str(tmp_path), pattern="day_*/hall*").found()) == ["hall1", "hall2"]
+    last: dict[str, Predictor] = {"cv": ConstantVelocity(window=1)}
+    experiment = PredictionBenchmark(last, registered=False, data=data, protocol=SMALL)
+    folder = runner.run(experiment, tmp_path / "out").folder
+    assert {row["scene"] for row in read_table(folder / "table.csv")} == {*scenes}
+    assert runner.draw(folder)
+
+
+@pytest.mark.parametrize("pattern", ["", "/tmp/*.txt", "../*.txt"])
+def test_patterns_that_leave_the_folder_are_refused(tmp_path: Path, pattern: str) -> None:
+    write(tmp_path, "a.txt", wanderers(3))
+    write(tmp_path / "inside", "b.txt", wanderers(3))
+    with pytest.raises(WideberthError, match=r"data\.pattern is .*; wanted one relative to the"):
+        PredictionData(str(tmp_path / "inside"), pattern=pattern).found()

@@ -99,6 +99,8 @@ def test_chosen_predictors_are_scored_and_no_others(tmp_path: Path) -> None:
     assert "chosen: unknown predictor 'kalmann': did you mean 'kalman'" in message
     message = failure(replace(some, as_given=("lst",)))
     assert "as_given: unknown predictor 'lst': did you mean 'last'" in message
+    message = failure(replace(some, chosen=("mine:Own",)))
+    assert """--set 'predictors.own={type: "mine:Own"}'""" in message
     assert "'chosen' names predictors" in failure(replace(some, only=("kalman",)))
     assert "'chosen'" not in failure(replace(some, only=("nowhere",)))
 

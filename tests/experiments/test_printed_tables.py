@@ -22,7 +22,7 @@ from wideberth.experiments.engine.extract import (
     markdown_text,
     of_rows,
 )
-from wideberth.experiments.engine.text_tables import main_columns, print_table
+from wideberth.experiments.engine.text_tables import headed, main_columns, print_table
 from wideberth.experiments.report.tables import html_table
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.episode_statistics import against, condensed
@@ -277,3 +277,27 @@ def test_a_column_of_a_paper_has_one_number_of_digits(seed: int) -> None:
             assert value is not None and 0.0 < value < 0.5 * last == 0.5 * float(text[1:])
         else:
             assert abs(float(text) - value) <= 0.5001 * last
+
+
+@pytest.mark.parametrize("share", [False, True])
+def test_printed_headings_are_names_of_columns(tmp_path: Path, share: bool) -> None:
+    (tmp_path / "config.yaml").write_text("{type: comparison}\n")
+    rows = condensed_rows()
+    write_table(tmp_path / "summary.csv", rows)
+    write_table(tmp_path / "table.csv", [{"seed": 0}])
+    names = [name for name in rows[0] if (name in shares("comparison", [name])) == share]
+    headings = [headed(name, share) for name in names]
+    assert list(extract(tmp_path, headings).rows[0]) == names
+    for name, heading in zip(names, headings, strict=True):
+        if name in defined_columns():
+            assert column_meanings(heading) == column_meanings(name)
+    pivot = extract(tmp_path, pivot=("scenario", "controller", headed("success", True)))
+    assert pivot.measure == "success (%)"
+
+
+def test_why_a_cell_is_a_dash_can_be_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    for name, words in (("time mean (s)", "NaN without one"), ("coverage", "no episode, pair")):
+        with pytest.raises(SystemExit):
+            cli.main(["show", "column", name])
+        printed = " ".join(capsys.readouterr().out.split())
+        assert words in printed and "A dash (\u2013)" in printed

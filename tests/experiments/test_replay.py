@@ -117,11 +117,12 @@ def test_kinds_are_told_apart(tmp_path: Path) -> None:
     assert kind("0 1 0.5 0\n10 1 0.6 0\n20 1 0.7 0\n") == "tracks"  # one person
     assert kind("0.0 1.0 0.5 0\n0.0 2.0 0.6 0\n") == "tracks"
     assert kind("0 ann 0.5 0\n") == "tracks"
+    assert kind("0.5 1_2 0.5 0\n") == "tracks"  # a name
     assert kind("0 0.5 0 0\n1 0.6 0 0\n") == "robot-log"  # whole seconds
     assert kind("0 0.5 0 0\n0 0.6 0 0\n") == "tracks"  # a frame twice
     assert kind("0.1 1 0 0\n0.0 1 0 0\n") == "robot-log"  # which its reader refuses
     assert kind("# time x y theta\n0 1 2 0\n1 1 2 0\n") == "robot-log"  # its header says so
-    assert kind("id,time,x,y\n1,0.5,2,0\n2,0.5,2,0\n") == "tracks"  # which its reader refuses
+    assert kind("id,time,x,y\n1,0.5,2,0\n2,0.5,2,0\n") == "tracks"  # with times
     # Whole seconds, whole metres: the stated exception, with its cure.
     standing = "0 1 2 0.1\n1 1 2 0.2\n2 1 2 0.3\n"
     assert kind(standing) == "tracks"

@@ -172,6 +172,22 @@ def test_a_name_that_a_module_registers_is_known_when_its_result_is_opened(tmp_p
     call("run", "mine.yaml", "--out", "out", "--no-figures")  # still the same config
 
 
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_module_beside_its_config_is_found(tmp_path: Path, workers: str) -> None:
+    """The command is given in another folder; a library of the same name keeps its place."""
+    inside = tmp_path / "mine"
+    inside.mkdir()
+    text = (HERE / "sample_plugin.py").read_text(encoding="utf-8")
+    (inside / "beside_coins.py").write_text(text, encoding="utf-8")
+    (inside / "json.py").write_text("raise ImportError('not this one')", encoding="utf-8")
+    (inside / "mine.yaml").write_text("type: beside_coins:Coins\nplugins: [beside_coins]\n")
+    arguments = ("run", "mine/mine.yaml", "--out", "out", "--no-figures", "--workers", workers)
+    done = shell(*arguments, cwd=tmp_path)
+    message = done.communicate(timeout=60)[1]
+    assert done.returncode == 0, message
+    assert (tmp_path / "out" / "table.csv").is_file()
+
+
 def test_folder_of_other_source_is_refused(tmp_path: Path) -> None:
     run(coins(), tmp_path / "a")
     path = tmp_path / "a" / "provenance.json"

@@ -132,3 +132,13 @@ def test_result_without_files_or_times(tmp_path: Path) -> None:
     write_bytes(tmp_path / "table.csv", b"a\n1\n")
     result = Result(tmp_path)
     assert result.rows == [{"a": 1}] and result.times == [] and result.names() == []
+
+
+@pytest.mark.parametrize(
+    "text", ["a\rb", "\r", "a\r\nb", "a\nb", 'a"b', '"', "a,b", " a ", "a\x85b", "a\u2028b"]
+)
+@pytest.mark.parametrize("names", [("t",), ("t", "u\r")])
+def test_cells_come_back_as_they_were(tmp_path: Path, text: str, names: tuple[str, ...]) -> None:
+    rows = [dict.fromkeys(names, text), dict.fromkeys(names, None), dict.fromkeys(names, text)]
+    path = write_bytes(tmp_path / "t.csv", table_text(rows).encode())
+    assert read_table(path) == rows

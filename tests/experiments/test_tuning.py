@@ -9,7 +9,7 @@ import pytest
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies.tuning import Tuning, worded
+from wideberth.experiments.studies.tuning import Tuning, draw_fronts, worded
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework.values.errors import WideberthError
 from wideberth.metrics.statistics import pareto
@@ -113,6 +113,28 @@ def test_settings_that_nothing_beats_are_marked(shipped: Tuning) -> None:
     assert [line["time_difference_s"] for line in lines[1:3]] == [2.0, 1.0]
     assert np.isnan([lines[0]["time_difference_s"], lines[0]["p_success"]]).all()  # the base
     assert lines[3]["only_baseline"] == 3
+
+
+def test_values_at_one_place_are_all_seen(shipped: Tuning) -> None:
+    """Two of them change nothing, and stand where the base stands."""
+    table = [
+        made(factor, value, seed, time, clearance)
+        for seed in range(3)
+        for factor, value, time, clearance in (
+            ("base", None, 20.0, 0.3),
+            ("margin", 0.2, 20.0, 0.3),
+            ("margin", 0.3, 20.0, 0.3),
+            ("margin", 0.05, 21.0, 0.2),
+        )
+    ]
+    panel = draw_fronts(shipped.summary(table), table).axes[0]
+    markers = [line for line in panel.lines if line.get_marker() != "None"]
+    here = [line for line in markers if np.ravel(line.get_data()).tolist() == [20.0, 0.3]]
+    assert [line.get_marker() for line in here] == ["*", "o", "o"]  # the later ones on top
+    assert len({line.get_zorder() for line in here}) == 1
+    sizes = [float(line.get_markersize()) for line in here]
+    assert sizes[0] > sizes[1] > sizes[2]
+    assert sorted(text.get_text() for text in panel.texts) == ["0.05", "0.2, 0.3"]
 
 
 def test_the_shipped_sweep_runs_and_draws(shipped: Tuning, tmp_path: Path) -> None:

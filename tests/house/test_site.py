@@ -173,8 +173,8 @@ def test_the_title_of_the_first_picture_is_explained() -> None:
     exec(code.replace('plt.savefig("plan.png")', ""), known)
     plan = known["planner"].plan
     title = known["plt"].gca().get_title(loc="left")
-    (held,) = re.findall(r"holds (\d+ %)", title)
-    assert held == f"{100 * plan.lowest_content:.0f} %" and plan.given_way is not None
+    (held,) = re.findall(r"holds ([\d.]+ %)", title)
+    assert held == f"{100 * plan.lowest_content:.3g} %" and plan.given_way is not None
     assert f"holds {held}" in after and "95 %" in after and "`relaxed`" in after
     known["plt"].close("all")
 

@@ -1,5 +1,6 @@
 """GOSPA against brute force and another library; what is counted along a run."""
 
+from dataclasses import asdict
 from datetime import datetime
 from itertools import permutations
 
@@ -136,3 +137,83 @@ def test_two_tracks_of_one_name_are_two() -> None:
         scores = track_scores([(0.0, truth, tracks)])
         assert scores.false == 1.0 and scores.missed == 0.0 and scores.pairs == 1
         assert scores.gospa == pytest.approx(gospa([[0, 0]], [[0, 0], [7, 0]]).value)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_counts_do_not_depend_on_the_order_of_names_and_tracks(seed: int) -> None:
+    """Obstacles on a grid, so that distances are equal as well, and tracks that change places."""
+    rng = np.random.default_rng(seed)
+    run = []
+    for k in range(12):
+        truth = {name: np.append(rng.integers(0, 4, 2) * 0.2, [0.0, 0.0]) for name in "abc"}
+        places = [truth[name][0] for name in rng.permutation(list(truth))]
+        run.append((0.1 * k, truth, [track(str(i), x) for i, x in enumerate(places)]))
+    turned = [(t, dict(reversed(truth.items())), found[::-1]) for t, truth, found in run]
+    assert asdict(track_scores(run)) == asdict(track_scores(turned))
+
+
+def test_a_track_that_went_over_to_another_obstacle_is_its_track() -> None:
+    """The obstacle that was its former one has no claim on it, however near it stands."""
+
+    def state(x: float) -> Array:
+        return np.array([x, 0.0, 0.0, 0.0])
+
+    run = [
+        (0.0, {"a": state(0.0), "b": state(9.0)}, [track("1", 0.0), track("2", 9.0)]),
+        (0.4, {"a": state(3.0), "b": state(9.0)}, [track("1", 9.0)]),  # b goes on as 1
+        (0.8, {"a": state(8.8), "b": state(9.0)}, [track("1", 8.8), track("3", 9.0)]),
+        (1.2, {"a": state(6.0), "b": state(9.0)}, [track("1", 9.0), track("3", 6.0)]),
+    ]
+    assert track_scores(run).switches == 2  # b from 2 to 1, a from 1 to 3
+
+
+@pytest.mark.parametrize("order", [1.0, 7.0, 60.0, 1e3, 1e6])
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_extreme_orders(order: float, unit: float) -> None:
+    """Against the least of all assignments, in logarithms: sums of powers have no floats here."""
+    rng = np.random.default_rng(0)
+    for count, more in ((1, 2), (3, 3), (4, 3), (2, 4)):
+        truth, found = (unit * rng.uniform(-1.0, 1.0, (size, 2)) for size in (count, more))
+        for cut in (0.5 * unit, 4.0 * unit):
+            scores = gospa(truth, found, cut=cut, order=order)
+            value, located = in_logarithms(truth, found, cut, order)
+            assert scores.value == pytest.approx(value, rel=1e-9)
+            assert scores.located == pytest.approx(located, rel=1e-9)
+
+
+def in_logarithms(truth: Array, found: Array, cut: float, order: float) -> tuple[float, float]:
+    """Return the value and the located part of the best of all assignments.
+
+    Of assignments whose sums are equal in floats the one with the smaller lengths is taken.
+    """
+    few, many = sorted((truth, found), key=len)
+    best = (np.inf, (np.inf,), 0.0)
+    for chosen in permutations(range(len(many)), len(few)):
+        distance = np.linalg.norm(few - many[list(chosen)], axis=1)
+        near = distance[distance < cut]
+        single = len(truth) + len(found) - 2 * len(near)
+        unpaired = [order * np.log(cut) + np.log(single / 2.0)] if single else []
+        whole = np.logaddexp.reduce([*(order * np.log(near)), *unpaired]) / order
+        part = np.exp(np.logaddexp.reduce(order * np.log(near)) / order) if len(near) else 0.0
+        key = (round(float(whole), 13), tuple(sorted(np.minimum(distance, cut))[::-1]), part)
+        best = min(best, key)
+    return float(np.exp(best[0])), float(best[2])
+
+
+def test_equal_places_at_extreme_orders_are_found() -> None:
+    """A distance of 0.3 m and one of 0 have the same power of 2000, which is 0 in floats."""
+    scores = gospa([[0.0, 0.0], [0.3, 0.0]], [[0.3, 0.0], [0.0, 0.0]], order=2000.0)
+    assert scores.value == 0.0 and scores.located == 0.0 and scores.pairs == 2
+    far = gospa([[0, 0], [0.3, 0], [9, 0]], [[0.3, 0], [0, 0], [5, 0]], order=2000.0)
+    assert far.located == 0.0 and (far.pairs, far.missed, far.false) == (2, 1, 1)
+
+
+def test_a_singular_covariance_says_nothing_about_honesty() -> None:
+    exact = track("1", 0.1, spread=0.0)
+    flat = TrackedObstacle("2", 0.0, [9.1, 0, 0, 0], np.diag([1.0, 1.0, 1.0, 0.0]), 0.3, 0.0)
+    truth = {"a": np.zeros(4), "b": np.array([9.0, 0, 0, 0]), "c": np.array([20.0, 0, 0, 0])}
+    scores = track_scores([(0.0, truth, [exact, flat, track("3", 20.3)])])
+    assert scores.nees == pytest.approx(9.0) and scores.inside == 1.0
+    assert scores.pairs == 3 and scores.located == pytest.approx(np.sqrt((0.01 + 0.01 + 0.09) / 3))
+    alone = track_scores([(0.0, {"a": np.zeros(4)}, [exact])])
+    assert np.isnan(alone.nees) and np.isnan(alone.inside)

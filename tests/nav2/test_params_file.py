@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from wideberth.framework.values.errors import WideberthError
@@ -113,7 +114,7 @@ robot1:
     local_costmap:
       ros__parameters: {width: 4}
 velocity_smoother: {ros__parameters: {max_velocity: [0.4, 0.0, 1.0], smoothing_frequency: 10.0}}
-/robot1/velocity_smoother: {ros__parameters: {smoothing_frequency: 30.0}}
+/**/velocity_smoother: {ros__parameters: {smoothing_frequency: 30.0}}
 """
 
 
@@ -264,3 +265,93 @@ def test_what_a_view_has_at_one_value_alone_is_listed_at_others(
 ) -> None:
     text = LAYERED.replace(old, new, 1)
     assert f"local_costmap.{passed}" in read_params(file_of(tmp_path, text)).passed_over
+
+
+def plain_file(controller: str = "", costmap: str = "", more: str = "") -> str:
+    return f"""controller_server:
+  ros__parameters:
+    FollowPath: {{plugin: "dwb_core::DWBLocalPlanner"{controller}}}
+local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: 0.22{costmap}}}}}}}
+{more}"""
+
+
+def test_of_six_velocities_those_of_the_plane_count(tmp_path: Path) -> None:
+    """vx, vy, vz and the rates of roll, pitch and yaw, as newer files of Nav2 have them."""
+    smoother = """velocity_smoother:
+  ros__parameters:
+    max_velocity: [0.3, 0.1, 0.0, 0.0, 0.0, 1.0]
+    min_velocity: [-0.1, -0.2, 0.0, 0.0, 0.0, -1.0]
+    max_accel: [1.0, 0.4, 0.5, 0.0, 0.0, 2.0]
+    max_decel: [-1.0, -0.4, 0.0, 0.0, 0.0, -2.0]
+    deadband_velocity: [0.01, 0.02, 0.0, 0.0, 0.0, 0.03]
+"""
+    read = read_params(file_of(tmp_path, plain_file(more=smoother)))
+    assert read.settings.velocity_smoother == {
+        "max_velocity": [0.3, 0.1, 1.0],
+        "min_velocity": [-0.1, -0.2, -1.0],
+        "max_accel": [1.0, 0.4, 2.0],
+        "max_decel": [-1.0, -0.4, -2.0],
+        "deadband_velocity": [0.01, 0.02, 0.03],
+    }
+    assert read.passed_over == ("velocity_smoother.max_accel: of z, roll and pitch",)
+
+
+@pytest.mark.parametrize("text", ["''", '""', "'[]'", "[]"])
+def test_an_empty_footprint_leaves_the_radius(tmp_path: Path, text: str) -> None:
+    read = read_params(file_of(tmp_path, plain_file(costmap=f", footprint: {text}")))
+    assert read.settings.footprint == () and read.settings.robot_radius == 0.22
+
+
+def test_mppi_without_noise_of_the_yaw_rate_drives(tmp_path: Path) -> None:
+    mppi = plain_file(', plugin: "nav2_mppi_controller::MPPIController", wz_std: 0.0')
+    mppi = mppi.replace('plugin: "dwb_core::DWBLocalPlanner", ', "")
+    settings = read_params(file_of(tmp_path, mppi)).settings
+    controller = built(settings.local, settings.parameters)
+    assert isinstance(controller, MPPI)
+    for k in range(5):
+        twist = controller.velocity(tick(straight(3.0), time=0.05 * k)).twist
+        assert twist is not None
+        assert np.isfinite(twist.linear).all() and twist.angular == 0.0
+    assert twist.linear[0] > 0.0
+    with pytest.raises(WideberthError, match="vx_std is 0"):
+        built("mppi", {"vx_std": 0.0})
+
+
+COSTMAP = "local_costmap: {ros__parameters: {width: 5}}"
+
+
+@pytest.mark.parametrize(
+    ("more", "names"),
+    [
+        ("robot2: {controller_server: {ros__parameters: {failure_tolerance: 1.0}}}", "/, /robot2"),
+        ("/robot2/controller_server: {ros__parameters: {failure_tolerance: 1.0}}", "/, /robot2"),
+        (f"robot1: {{local_costmap: {{{COSTMAP}}}}}", "/, /robot1"),
+        ("a/velocity_smoother: {ros__parameters: {}}\nb: {behavior_server: {ros__parameters: {}}}",
+         "/, /a, /b"),
+    ],
+)  # fmt: skip
+def test_two_robots_in_one_file_are_refused(tmp_path: Path, more: str, names: str) -> None:
+    path = file_of(tmp_path, plain_file(more=more))
+    with pytest.raises(WideberthError, match=f"robots, in the namespaces {names}; wanted those"):
+        read_params(path)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        f"/**/local_costmap: {{{COSTMAP}}}",
+        COSTMAP,
+        "robot2: {global_costmap: {global_costmap: {ros__parameters: {width: 9}}}}",
+    ],
+)
+def test_other_namespaces_are_no_other_robot(tmp_path: Path, more: str) -> None:
+    """Wildcards hold for all, and a costmap has a namespace of its own."""
+    text = plain_file().replace("local_costmap: {local_costmap", "local_costmap: {/local_costmap")
+    wanted = 3 if "global" in more else 5
+    assert read_params(file_of(tmp_path, f"{text}{more}")).settings.view.width == wanted
+
+
+def test_one_robot_in_a_namespace_is_read(tmp_path: Path) -> None:
+    text = "".join(f"  {line}\n" for line in plain_file().splitlines())
+    read = read_params(file_of(tmp_path, f"robot1:\n{text}"))
+    assert read.settings == read_params(file_of(tmp_path, plain_file())).settings

@@ -5,17 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wideberth.framework.predictor import Adaptive
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import LIGHT
 from wideberth.framework.values.tracks import Tracks
-from wideberth.metrics.scoring import energy_score, reached_tail
+from wideberth.metrics.scoring import displacement, energy_score, reached_tail
 from wideberth.predictors import turning
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core import straight_stretch
 from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.core.straight_stretch import LONGEST_STRETCH, since_jump
+from wideberth.predictors.interacting_models import InteractingModels
 from wideberth.predictors.kalman import DriftingVelocity, Kalman, filter_one_by_one
 from wideberth.predictors.turning import TurningPeople
 
@@ -253,6 +255,62 @@ def test_learnt_area_moves_with_the_world():
     moved = second.predict(tracks_of(walks[:, -12:] @ turn.T + shift), 12)
     assert moved.mean == pytest.approx(still.mean @ turn.T + shift, abs=1e-6)
     assert moved.weight == pytest.approx(still.weight, abs=1e-9)
+
+
+def cold_errors(predictors, walks, dt, steps):
+    """Mean error, m, of predictors that know nothing as walks (O, T, 2) begin."""
+    errors = {name: [] for name in predictors}
+    for end in range(2, walks.shape[1] - steps + 1):
+        part = walks[:, max(end - 20, 0) : end]
+        track = tracks_of(part, noise=0.03, dt=dt, stamp=dt * end)
+        for name, predictor in predictors.items():
+            if isinstance(predictor, Adaptive):
+                predictors[name] = predictor = predictor.update(track)
+            forecast = predictor.predict(track, steps)
+            truth = walks[:, end : end + steps]
+            errors[name].append(displacement(forecast.mean, forecast.weight, truth).mean())
+    return {name: np.mean(values) for name, values in errors.items()}
+
+
+@pytest.mark.parametrize(("people", "bend"), [(1, 0.05), (3, 0.0), (10, 0.03), (40, 0.02)])
+def test_until_the_area_is_known_it_errs_no_more_than_imm(people, bend):
+    """Clips of 14 s of people who cross a place larger than what was seen, by 0.03 m of noise."""
+    found = {"turning": [], "imm": []}
+    for seed in range(max(12 // people, 2)):
+        rng = np.random.default_rng(seed)
+        heading = rng.choice([0.0, np.pi], people) + 0.2 * rng.standard_normal(people)
+        angle = heading[:, None] + 0.4 * np.arange(35.0) * bend * rng.standard_normal((people, 1))
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=2).cumsum(axis=1)
+        walks = rng.uniform(-10.0, 10.0, (people, 1, 2)) + 0.4 * 1.3 * way
+        walks += 0.03 * rng.standard_normal(walks.shape)
+        cold = {"turning": TurningPeople(), "imm": InteractingModels()}
+        for name, error in cold_errors(cold, walks, 0.4, 12).items():
+            found[name].append(error)
+    assert np.mean(found["turning"]) < 1.02 * np.mean(found["imm"])
+
+
+def test_the_area_of_people_who_walk_about_is_known_within_seconds():
+    """Ten people in a square of 10 m: few are then expected to walk straight on for 4 s."""
+    for seed in range(3):
+        walks = waypoint_crowd(10, 12.0, np.random.default_rng(seed))
+        track = tracks_of(walks[:, -12:])
+        straight_on = watched(TurningPeople(), walks).predict(track, 20).weight[:, 0]
+        assert straight_on.mean() < 0.6
+        assert TurningPeople().predict(track, 20).weight[:, 0].mean() > 0.95
+
+
+def test_the_hull_of_the_first_seconds_is_not_the_area():
+    """People side by side extend it as fast as they walk, whatever rows the first look has."""
+    walks = np.concatenate([straight((3.0, y), (1.2, 0.0), 40) for y in range(-6, 7)])
+    track = tracks_of(walks[:, -12:], stamp=DT * 40)
+    wanted = TurningPeople().predict(track, 20).weight
+    for rows, first in ((20, 1), (40, 40), (40, 20)):
+        predictor = TurningPeople()
+        for end in range(first, 41):
+            part = walks[:, max(end - rows, 0) : end]
+            predictor = predictor.update(tracks_of(part, stamp=DT * end))
+        assert predictor.state.area is not None
+        assert np.array_equal(predictor.predict(track, 20).weight, wanted)
 
 
 def test_it_is_calibrated_and_sharper_on_people_who_walk_about():

@@ -35,7 +35,7 @@ def test_contract(region: str, law: str) -> None:
     CONTRACT.check(region, law)
 
 
-NUMBERS, SIDES, OTHERS, SLOPE = (
+NUMBERS, SIDES, OTHERS, SLOPE, _ = (
     one.name for one in check_static_region.laws(StaticSeparatingLine())
 )
 

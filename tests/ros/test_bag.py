@@ -473,3 +473,81 @@ def test_forecasts_in_a_recording_are_mixtures(tmp_path: Path) -> None:
     assert len(bag.timed["/gmm"][0].decoded.content.seen) == 3  # type: ignore[union-attr]
     with pytest.raises(WideberthError, match="dt"):
         bag.forecasts("/gmm", 0.0)
+
+
+@pytest.mark.parametrize("folder", [True, False])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"repeat_channels": False},
+        {"repeat_schemas": False},
+        {"repeat_channels": False, "repeat_schemas": False},
+        {"repeat_channels": False, "use_statistics": False},
+        {"repeat_schemas": False, "use_chunking": False},
+        {"index_types": 0},
+        {"index_types": 0, "use_statistics": False, "repeat_channels": False},
+        {"use_chunking": False},
+        {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
+    ],
+)
+def test_a_summary_need_not_repeat_what_the_file_holds(
+    tmp_path: Path, options: dict[str, Any], folder: bool
+) -> None:
+    """The format leaves it to the writer which channels, schemas and indexes it repeats."""
+    pytest.importorskip("mcap", reason="pip install mcap")
+    bag = write_bag(
+        tmp_path / "bag",
+        [*people(), ("/odom", START, odometry(START, (0.0, 0.0, 0.0), (0.3, 0.0, 0.0)))],
+    )
+    whole = read_bag(bag)
+    rewrite(bag / "bag.mcap", options)
+    found = read_bag(bag if folder else bag / "bag.mcap")
+    assert {name: (one.kind, one.count) for name, one in found.topics.items()} == {
+        "/obstacles": (ARRAY, 120),
+        "/odom": ("nav_msgs/msg/Odometry", 1),
+    }
+    for name, rows in whole.timed.items():
+        assert [row.time for row in found.rows(name)] == [row.time for row in rows]
+    assert not any("damaged" in note for note in found.notes)
+
+
+def test_a_chunk_whose_bytes_changed_is_damage(tmp_path: Path) -> None:
+    """Its records are whole, and the file lacks its summary; the chunk's checksum does not fit."""
+    pytest.importorskip("mcap", reason="pip install mcap")
+    from mcap.writer import CompressionType
+
+    bag = write_bag(tmp_path / "bag", people())
+    file = bag / "bag.mcap"
+    rewrite(file, {"repeat_channels": False, "compression": CompressionType.NONE})
+    (note,) = read_bag(file).notes
+    assert note == "bag.mcap has no complete summary; all 120 messages are read"
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    file.write_bytes(bytes(data))
+    (note,) = read_bag(file).notes
+    assert note.startswith("bag.mcap is damaged; the ")
+
+
+def rewrite(file: Path, options: dict[str, Any]) -> None:
+    """Write an MCAP file anew, with options of its writer."""
+    from mcap.reader import make_reader
+    from mcap.writer import IndexType, Writer
+
+    if "index_types" in options:
+        options = {**options, "index_types": IndexType(options["index_types"])}
+    with file.open("rb") as stream:
+        rows = list(make_reader(stream).iter_messages(log_time_order=False))
+    with file.open("wb") as target:
+        writer = Writer(target, **options)
+        writer.start(profile="ros2", library="test")
+        channels: dict[str, int] = {}
+        for schema, channel, message in rows:
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.topic], message.log_time, message.data, message.publish_time
+            )
+        writer.finish()

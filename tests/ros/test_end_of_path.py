@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth import recommended
 from wideberth.controllers import Planner
 from wideberth.experiments.cli.ros_node import read_node
 from wideberth.framework.control.end_of_path import Arrival
+from wideberth.framework.plugins.config import build
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
@@ -16,7 +18,7 @@ from wideberth.ros.following import Following, PathFollower, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import ARRIVED
 from wideberth.ros.path_sources import PathTopic
-from wideberth.tests.helpers.bags import header, quaternion, vector
+from wideberth.tests.helpers.bags import header, quaternion, transform, vector
 from wideberth.tests.ros import test_node
 from wideberth.tests.ros.test_goal_heading import Drive
 from wideberth.tests.ros.test_node import Scripted, within_limits
@@ -63,6 +65,93 @@ def test_the_same_path_once_more_does_not_wake_a_robot_that_is_there() -> None:
             loop.path(points=WAY)
         loop.move()
     assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= NEAR and not loop.motion.any()
+
+
+LOOP = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (0.0, 0.0)])
+
+
+def pursuing() -> Drive:
+    controller = build("controllers", {"type": "pure_pursuit", "robot": "unicycle",
+                                       "look_ahead": 0.5, "period": STEP})  # fmt: skip
+    return Drive(controller, follows=PathTopic())
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.001])
+def test_a_loop_that_comes_again_and_again_ends(shift: float) -> None:
+    loop, driven = pursuing(), 0.0
+    for k in range(1200):
+        if k % 20 == 0:
+            loop.path(points=LOOP + shift * (k // 20))
+        before = loop.pose
+        loop.move()
+        driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
+    assert 6.5 < driven < 8.5 and not loop.motion.any()
+    assert np.linalg.norm(loop.pose[:2] - LOOP[-1]) < 0.4
+
+
+def planning() -> Lagging:
+    planner = recommended(test_node.ROBOT, 0.5, quiet=True, predictor="kalman", dt=0.25,
+                          period=4 * STEP)  # fmt: skip
+    return Lagging(planner, follows=PathTopic())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("frame", ["odom", "map"])
+def test_the_planner_ends_a_loop_that_comes_again_and_again(frame: str) -> None:
+    """Its points move by 1 mm each second, or the map does against odometry."""
+    loop, driven = planning(), 0.0
+    for k in range(700):
+        if k % 20 == 0:
+            moved = 0.001 * (k // 20)
+            loop.come("/tf", transform(loop.stamp(), "map", "odom", (moved, 0.0, 0.0)))
+            loop.path(frame, LOOP + np.array([moved if frame == "odom" else 0.0, 0.0]))
+        before = loop.pose
+        loop.move()
+        driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
+    assert 6.5 < driven < 8.5 and not loop.motion.any()
+    assert np.linalg.norm(loop.pose[:2] - LOOP[-1]) < 0.4
+
+
+def test_a_way_there_and_back_ends_while_its_map_moves() -> None:
+    """The map moves by 2 cm each second, so that the path is laid anew all the time."""
+    loop, moved = planning(), 0.0
+    loop.path("map", ((0.0, 0.0), (3.0, 0.0), (0.0, 0.0)))
+    for k in range(700):
+        if k % 20 == 0:
+            moved = 0.02 * (k // 20)
+            loop.come("/tf", transform(loop.stamp(), "map", "odom", (moved, 0.0, 0.0)))
+        loop.move()
+        if k > 100 and loop.node.status == "waiting for a path":
+            break
+    assert loop.node.status == "waiting for a path"
+    assert np.linalg.norm(loop.pose[:2] + np.array([moved, 0.0])) <= 2.0 * NEAR
+
+
+def test_an_action_drives_the_same_loop_once_more() -> None:
+    loop = pursuing()
+    loop.turn(people=False)
+    for _ in range(2):
+        follower, driven, end = PathFollower(loop.node, Following(), loop.now), 0.0, None
+        assert follower.begin("odom", LOOP) is None
+        while end is None:
+            before = loop.pose
+            loop.move()
+            driven += float(np.linalg.norm(loop.pose[:2] - before[:2]))
+            end = follower.step(loop.now)
+        assert end.code is ResultCode.NONE and 6.5 < driven < 8.5
+        loop.node.halt()
+
+
+def test_a_node_says_that_its_robot_is_blocked() -> None:
+    """Its odometry says that it does not move."""
+    planner = recommended("unicycle", quiet=True, predictor="kalman")
+    loop = test_node.Loop(planner)  # type: ignore[arg-type]
+    loop.path()
+    loop.turn()
+    loop.turn()
+    assert loop.node.status == "driving"
+    for k in range(round(6.0 / STEP)):
+        loop.turn(decide=k % 10 == 0)
+    assert loop.node.status.startswith("blocked: it has stood for")
 
 
 def test_a_short_path_onward_is_driven_and_the_same_goal_wakes_no_robot() -> None:

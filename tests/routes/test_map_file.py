@@ -109,7 +109,7 @@ def test_a_bad_map_file_is_refused(tmp_path: Path, changes: dict[str, Any], mess
     ("image", "message"),
     [
         (b"P5 3 2 255\n12345", r"3 x 2 = 6 pixels, and 5 follow"),
-        (b"P5 3 2 255\n1234567", r"3 x 2 = 6 pixels, and 7 follow"),
+        (b"P2 3 2 255\n1 2 3 4 5", r"3 x 2 = 6 pixels, and 5 follow"),
         (b"P5 1 2 65535\n123", r"1 x 2 = 2 pixels, and 1 follow"),
         (b"P2 2 1 255\n1 x", "a pixel is b'x'"),
         (b"P2 2 1 9\n1 12", "a pixel is 12, above the largest value 9"),
@@ -125,3 +125,17 @@ def test_a_bad_map_file_is_refused(tmp_path: Path, changes: dict[str, Any], mess
 def test_a_bad_image_is_refused(tmp_path: Path, image: bytes, message: str) -> None:
     with pytest.raises(WideberthError, match=message):
         read_map(stored(tmp_path, image))
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\0" * 3, b"P5 2 1 255\n\0\0", b"# end"])
+@pytest.mark.parametrize(
+    "image", [b"P5\n2 1\n255\n\0\xfe", b"P5 2 1 65535\n\0\0\xfe\xfe", b"P2 2 1 255 0 254 "]
+)
+def test_bytes_behind_the_pixels_are_left_alone(tmp_path: Path, image: bytes, end: bytes) -> None:
+    assert read_map(stored(tmp_path, image + end)).cells.tolist() == [[100, 0]]
+
+
+def test_a_map_file_may_hold_tabs(tmp_path: Path) -> None:
+    path = stored(tmp_path, b"P5 2 1 255\n\0\xfe")
+    path.write_text(path.read_text().replace(": ", ":\t"))
+    assert read_map(path).cells.tolist() == [[100, 0]]

@@ -60,3 +60,13 @@ def test_bad_ranges_are_refused() -> None:
         CrossingField(walkers=0)
     with pytest.raises(WideberthError, match="no room for walker"):
         drawn(CrossingField(walkers=40, reach=2.0), 0)
+
+
+@pytest.mark.parametrize(("reach", "speed"), [(60.0, 0.5), (110.0, 1.0), (10.0, 0.04)])
+def test_walkers_stay_for_as_long_as_the_way_takes(reach: float, speed: float) -> None:
+    field = CrossingField(walkers=3, reach=reach, speed=speed)
+    for seed in range(5):
+        for walker in drawn(field, seed)[1]:
+            assert walker.times[-1] >= 2.0 * reach / speed
+    usual = drawn(CrossingField(), 0)[1]
+    assert all(walker.times[-1] == pytest.approx(200.0) for walker in usual)

@@ -20,6 +20,7 @@ from wideberth.framework.tracking.history import MOST
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
+from wideberth.framework.values.path import Path as Way
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.solvers.export.planner.files import RUNGS, bundle
 from wideberth.solvers.export.planner.supported import SUPPORTED
@@ -157,6 +158,51 @@ def test_commands_are_python_s(cases: dict[str, Case]) -> None:
     for rung, most in {"optimal": 100, "feasible": 15, "shifted": 1, "least violation": 30,
                        "brake": 30, "emergency": 2}.items():  # fmt: skip
         assert sum(count for name, count in rungs.items() if rung in name) >= most, rungs
+
+
+@needs_compiler
+def test_a_path_back_over_itself_that_comes_again_is_followed_as_in_python(
+    cases: dict[str, Case],
+) -> None:
+    made, exported = cases["crowds"].planner, cases["crowds"].library
+    points = np.array([(0.0, 0.0), (2.5, 0.0), (2.5, 0.3), (2.5, 0.0), (0.0, 0.0)])
+    made.reset()
+    exported.code.wideberth_planner_reset(exported.planner)
+    state = np.zeros(len(made.robot.states))
+    for k in range(70):
+        if k % 4 == 0:
+            made.set_path(Way(points + 0.001 * (k % 3)))
+            assert exported.follow(points + 0.001 * (k % 3)) == 0
+        seen = Observation(made.period * k, state)
+        command, found = made.command(seen), exported.decide(seen)
+        numbers = [*command.linear, command.omega, command.ramp]
+        assert np.allclose(numbers, [*found.linear, found.omega, found.ramp], atol=CLOSE, rtol=0.0)
+        assert made.plan is not None
+        state = made.plan.states[1]
+    assert np.linalg.norm(state[:2]) < 0.15
+
+
+@needs_compiler
+def test_somebody_on_the_goal_is_waited_for_as_in_python(cases: dict[str, Case]) -> None:
+    made, exported = cases["crowds"].planner, cases["crowds"].library
+    points = np.array([(0.0, 0.0), (3.0, 0.0)])
+    made.reset()
+    made.set_path(Way(points))
+    exported.code.wideberth_planner_reset(exported.planner)
+    assert exported.follow(points) == 0
+    state, driven, turned = np.zeros(len(made.robot.states)), [], []
+    body = Detection("p", points[-1], 1e-4 * np.eye(2), 0.3)
+    for k in range(150):
+        seen = Observation(made.period * k, state, (body,) if k < 110 else ())
+        command, found = made.command(seen), exported.decide(seen)
+        numbers = [*command.linear, command.omega, command.ramp]
+        assert np.allclose(numbers, [*found.linear, found.omega, found.ramp], atol=1e-6, rtol=0.0)
+        assert made.plan is not None
+        driven.append(np.linalg.norm(made.plan.states[1][:2] - state[:2]))
+        turned.append(abs(command.omega))
+        state = np.append(made.plan.states[1][:4], command.omega)
+    assert sum(driven[80:110]) < 0.2 and max(turned[80:110]) < 0.05, "it does not rest"
+    assert np.linalg.norm(state[:2] - points[-1]) < 0.15, "it does not go on"
 
 
 def _same_rung(rung: str, one: Any) -> bool:

@@ -102,6 +102,10 @@ class Player {
       on(name, "change", () => this.show(this.index));
     }
     document.addEventListener("keydown", (event) => this.press(event));
+    Player.last ??= this;
+    for (const kind of ["focusin", "pointerdown"]) {
+      this.element.addEventListener(kind, () => { Player.last = this; });
+    }
     let width = 0;
     new ResizeObserver(() => {
       if (width === this.element.clientWidth) return; // its height is our own doing
@@ -113,11 +117,9 @@ class Player {
   }
 
   press(event) {
-    const alone = "alone" in this.element.dataset;
-    const mine = this.element.contains(event.target) || (alone && event.target === document.body);
-    if (!mine || !this.episode || event.ctrlKey || event.altKey || event.metaKey) return;
-    const tag = event.target.tagName, native = tag === "BUTTON" || event.target.type === "checkbox";
-    if (tag === "SELECT" || event.target.type === "radio" || (native && event.key === " ")) return;
+    const { target } = event;
+    if (!this.episode || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (!takesKey(event.key, this.place(target), target.tagName, target.type)) return;
     const speed = this.part("speed"), robot = this.part("robot");
     const faster = (way) => {
       const wanted = speed.selectedIndex + way;
@@ -140,6 +142,13 @@ class Player {
     if (!act) return;
     event.preventDefault();
     act();
+  }
+
+  /** Where the focus is; outside of all players the keys are for the one that was used last. */
+  place(target) {
+    const alone = "alone" in this.element.dataset && target === document.body;
+    if (alone || this.element.contains(target)) return "own";
+    return target.closest(".player") || Player.last !== this ? "other" : "page";
   }
 
   step(way) {

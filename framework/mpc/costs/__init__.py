@@ -4,6 +4,7 @@ from ...plugins.lazy import lazy
 
 BUILT_IN = {
     "contouring": "wideberth.framework.mpc.costs.contouring:Contouring",
+    "smooth_tracking": "wideberth.framework.mpc.costs.smooth_tracking:SmoothTracking",
     "tracking": "wideberth.framework.mpc.costs.tracking:Tracking",
 }
 

@@ -3,6 +3,7 @@
 # fmt: off
 
 from .contouring import Contouring as Contouring
+from .smooth_tracking import SmoothTracking as SmoothTracking
 from .tracking import Tracking as Tracking
-__all__ = ['Contouring', 'Tracking']
+__all__ = ['Contouring', 'SmoothTracking', 'Tracking']
 BUILT_IN: dict[str, str]

@@ -116,6 +116,14 @@ class ProgressCost(Cost):
     """
 
 
+class CommandCost(Cost):
+    """Prices how the command changes: the input of the step before is a state of the problem.
+
+    The robot of its problem is a `wideberth.framework.mpc.ocp.command_robot.CommandRobot`, and
+    `Moment.acceleration` is that over a step, jumps of the velocity included.
+    """
+
+
 def effort(weights: Weights, acceleration: Twist) -> Any:
     """w_a |a|^2 + w_alpha alpha^2."""
     linear = weights.acceleration * ca.sumsqr(ca.vertcat(*acceleration.linear))

@@ -6,7 +6,7 @@ not change; what it may share between calls (compiled problems, the solver's wat
 `Services`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import final
@@ -14,31 +14,30 @@ from typing import final
 import numpy as np
 
 from ...control.command_limits import broken_limit, within_bounds, within_reach
+from ...control.end_of_path import LEFT, EndLimits, goal_taken
 from ...control.velocity_smoother import VelocitySmoother
 from ...controller import checked_ready, checked_use
 from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import FORGET, Perception, scene_of
+from ...tracking.stand_ins import sound
 from ...values.arrays import Array, altered
 from ...values.failures import caught
 from ...values.forecast import Forecast
-from ...values.motion import Command, Detection, Observation, checked_numbers
+from ...values.motion import Command, Detection, Observation, Twist, checked_numbers
 from ...values.path import Path
+from ...values.path_progress import PATIENCE as WAITED
 from ...values.path_progress import ReferenceProgress
 from ...values.plan import Plan, Situation
 from ...values.polygon import Polygon
 from ...values.tracks import Tracks
 from ..assembly import assemble
-from ..costs.base import ProgressCost
+from ..ocp.command_robot import CommandRobot
 from ..ocp.problem import Parameters, Problem
-from ..ocp.progress_robot import (
-    ProgressRobot,
-    progress_robot_of,
-    with_progress,
-    without_progress,
-)
+from ..ocp.progress_robot import ProgressRobot, without_progress
 from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
+from ..problem_robot import robot_of_problem, with_carried
 from ..slots.base import (
     CAPACITIES,
     ActiveObstacles,
@@ -56,9 +55,11 @@ from .instance import Instance
 from .judging import best_manoeuvre, judged
 from .multistart import MultiStart, MultiStartResult
 from .own_uncertainty import OwnUncertainty, carried
+from .retreat import Retreat, retreat
 from .rollout import RobotMotion, carry, follow
 from .rungs import LadderInput, choose
 from .settings import PlannerSettings, changed
+from .standing import Standing
 from .starts import (
     OTHERS,
     WARM_WITHIN,
@@ -84,6 +85,9 @@ class PlannerState:
     multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
+    hold : its last point is where the robot rests while a body stands on its goal.
+    retreat : the last way back that a car has begun, to turn towards its goal.
+    standing : where and since when the robot has not moved; None before the first call.
     """
 
     perception: Perception
@@ -92,6 +96,9 @@ class PlannerState:
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
+    hold: Path | None = None
+    retreat: Retreat | None = None
+    standing: Standing | None = None
 
     @classmethod
     def initial(cls, settings: PlannerSettings, path: Path | None = None) -> "PlannerState":
@@ -153,10 +160,11 @@ class Services:
     watch : calls the solver in a thread that can be left behind.
     own : compiled growth of the robot's own uncertainty.
     motion : compiled trajectories of the robot.
-    model : the robot as the problem states it, with its progress where the cost has one.
+    model : the robot as the problem states it, with the states that the cost adds.
     travel : how far the robot can get.
     grid : (N + M,), s, times of the plan's steps 1..N after its first state, and of those at which
         it is to rest, see `Fallback`.
+    end : what the robot can do at the end of its path; None for one that moves in space.
     """
 
     problems: ProblemCache
@@ -166,6 +174,7 @@ class Services:
     model: Robot
     travel: Travel
     grid: Array
+    end: EndLimits | None
 
     @classmethod
     def of(cls, settings: PlannerSettings) -> "Services":
@@ -177,9 +186,10 @@ class Services:
             watch=WatchedSolver(settings.solver),
             own=OwnUncertainty(robot, dt, settings.own_uncertainty, reach),
             motion=RobotMotion(robot, steps, dt),
-            model=progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
+            model=robot_of_problem(robot, settings.cost, dt),
             travel=Travel.of(robot, steps, dt),
             grid=settings.dt * np.arange(1, steps + settings.fallback.steps_at_rest + 1.0),
+            end=EndLimits.of(robot) if robot.dimension == 2 else None,
         )
 
     def for_all(self) -> "Services":
@@ -278,7 +288,7 @@ def step(
     try:
         state = _remembered(settings, state, observation)
         checked_numbers(observation)
-        state, course = _on_course(settings, state, observation)
+        state, course = _on_course(settings, state, observation, services.end)
         state, frame = _perceived(settings, state, services, observation, course)
         state, decision = _planned(settings, state, services, course, frame, budget)
     except Exception as error:
@@ -299,30 +309,55 @@ class Course:
     ----------
     stamp : s, when the command takes effect.
     start : (n,), state at that time. place : (D,), m, where it is then.
-    arc : m, arc length along the path there.
+    path : that it follows. arc : m, arc length along it at ``place``.
     reference : laid along the path from there.
     """
 
     stamp: float
     start: Array
     place: Array
+    path: Path
     arc: float
     reference: Reference
 
 
 def _on_course(
-    settings: PlannerSettings, state: PlannerState, observation: Observation
+    settings: PlannerSettings, state: PlannerState, observation: Observation, end: EndLimits | None
 ) -> tuple[PlannerState, Course]:
     """Find the robot on its path, and lay the reference."""
     robot, stamp = settings.robot, observation.stamp + settings.latency
     start = _delayed(settings, state, observation.stamp, observation.state)
     start = within_bounds(robot, start)
     place = _place(robot, start)
-    progress, arc = checked_ready(state.progress).advanced(place)
+    ahead = settings.reference_speed * settings.horizon * settings.dt
+    progress, arc = checked_ready(state.progress).advanced(place, ahead)
+    path, hold = progress.path, None
+    if arc >= path.length - LEFT and progress.waited >= WAITED:
+        hold = _held(settings, state, path, observation, place)
+    standing = (state.standing or Standing(stamp, place)).at(stamp, place)
+    way, sign = state.retreat, 1.0
+    if hold is not None:
+        path, arc = hold, hold.length
+    elif end is not None:
+        way = retreat(way, end, standing, stamp, robot.pose(tuple(start.tolist())), path, arc)
+        if way is not None and way.driving:
+            path, arc, sign = way.path, way.path.project(place), -1.0
     reference = settings.cost.lay(
-        progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
+        path, arc, settings.reference_speed, settings.horizon, settings.dt
     )
-    return altered(state, progress=progress), Course(stamp, start, place, arc, reference)
+    reference = replace(reference, speed=sign * reference.speed)
+    state = altered(state, progress=progress, hold=hold, standing=standing, retreat=way)
+    return state, Course(stamp, start, place, path, arc, reference)
+
+
+def _held(
+    settings: PlannerSettings, state: PlannerState, path: Path, observation: Observation, at: Array
+) -> Path | None:
+    """Return where to rest, as the end of a path, while a body stands on the goal; else None."""
+    bodies = sound(observation, len(at), here=at).detections
+    if not goal_taken(path.goal, bodies, settings.robot.radius + settings.margin):
+        return None
+    return state.hold or Path(np.stack([at - path.direction(np.array(path.length)), at]))
 
 
 def _perceived(
@@ -368,13 +403,19 @@ def _planned(
     plan, point = choose(settings.fallback.ladder, trial, course.stamp)
     plan = altered(
         without_progress(robot, plan),
-        reason=joined(plan.reason, outcome.note, instance.note),
+        reason=joined(
+            _blocked(settings, state, services, course, frame),
+            plan.reason,
+            outcome.note,
+            instance.note,
+        ),
         forecast=frame.forecast,
         tracked=() if frame.tracks is None else frame.tracks.ids,
     )
     ends = tuple(one.message for one in outcome.solutions)
     solved = Solved(instance, outcome.guesses, point, plan, budget.spent(), ends)
     command, note = _limited(robot, command_of_plan(robot, plan))
+    command = _resting(services.end, course, command)
     state = altered(
         state,
         plan=plan,
@@ -385,6 +426,39 @@ def _planned(
     notes = tuple(filter(None, (note, _stand_in(outcome))))
     path = checked_ready(state.progress).path
     return state, Decision(command, plan, notes, solved, frame, path)
+
+
+def _blocked(
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    course: Course,
+    frame: PerceptionFrame,
+) -> str:
+    """Say whether the robot stands before its goal, and before what; "" if it does not."""
+    progress, end = checked_ready(state.progress), services.end
+    standing, back = checked_ready(state.standing), state.retreat
+    arc = 0.0 if progress.last is None else progress.last[0]
+    words = standing.blocked(
+        course.stamp,
+        progress.path,
+        arc,
+        frame.observation,
+        settings.robot.radius,
+        settings.room_at_walls,
+    )
+    if words and end is not None and end.circle and not end.reverses:
+        words += f"; it does not drive backwards, and its turning circle is {end.circle:.1f} m"
+    return joined(words, "" if back is None else back.words)
+
+
+def _resting(end: EndLimits | None, course: Course, command: Command) -> Command:
+    """Return a command with which the robot turns no more than it has to at its path's end."""
+    if end is None or course.path.length - course.arc > LEFT:
+        return command
+    away = float(np.linalg.norm(course.path.goal - course.place))
+    speed = float(np.linalg.norm(command.linear))
+    return replace(command, omega=end.turning(away, speed, command.omega))
 
 
 def _judge(
@@ -400,7 +474,7 @@ def _judge(
         settings.expected_contact,
         settings.robot,
         settings.dt,
-        (checked_ready(state.progress).path, course.arc, settings.reference_speed),
+        (course.path, course.arc, settings.reference_speed),
         seen,
         frame.observation.polygons,
         (settings.margin, settings.margin_at_walls),
@@ -463,10 +537,7 @@ def _filled(
     first, inputs = _resumed(settings, state, services, course)
     view = _context(settings, state, services, course, frame, first)
     chosen = tuple(kind.choose(body, view) for kind in settings.kinds)
-    if isinstance(services.model, ProgressRobot):
-        body, start = services.model, np.append(start, course.arc)
-        first = with_progress(body, first, reference, course.arc, settings.dt)
-        inputs = None if inputs is None else first.inputs
+    start = np.append(start, _carried(services.model, state, course))
     parameters = Parameters(
         start,
         reference.position,
@@ -475,12 +546,14 @@ def _filled(
         tuple(one.numbers for one in chosen),
         reference.curve,
     )
+    body = services.model
+    first = with_carried(body, first, parameters, settings.dt)
     instance = Instance(
         services.problems.of(tuple(one.room for one in chosen)),
         parameters,
         ActiveObstacles(body, settings.kinds, chosen),
         settings.level,
-        inputs,
+        None if inputs is None else first.inputs,
         _in_contact(settings, state, frame, body, start),
         _posed(parameters, chosen),
     )
@@ -490,6 +563,17 @@ def _filled(
         pulled = first.pull(parameters)
         instance = replace(instance, parameters=pulled, posed=_posed(pulled, chosen))
     return instance, first
+
+
+def _carried(model: Robot, state: PlannerState, course: Course) -> Sequence[float]:
+    """Return the first values of the states that the cost adds."""
+    if isinstance(model, ProgressRobot):
+        return (course.arc,)
+    if not isinstance(model, CommandRobot):
+        return ()
+    still = Twist((0.0,) * model.dimension)
+    last = still if state.smoother is None else state.smoother.at(course.stamp)
+    return model.robot.drive(tuple(course.start.tolist()), last, model.dt)
 
 
 def _posed(parameters: Parameters, chosen: tuple[SlotAssignment, ...]) -> Parameters | None:
@@ -648,8 +732,8 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
         direction = path.direction(np.zeros(1))[0]
         ego, _ = start_state(settings.robot, path.points[0], direction, settings.reference_speed)
         start = np.array(ego, float)
-        arc = [0.0] if isinstance(services.model, ProgressRobot) else []
-        body, begin, steps = services.model, np.append(start, arc), settings.horizon
+        body, steps = services.model, settings.horizon
+        begin = np.append(start, np.zeros(len(body.states) - len(start)))
         follow(body, begin, np.zeros((steps, len(body.inputs))), settings.dt)
         list(stops(body, begin, steps, settings.dt))
         if every:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...values.arrays import altered
-from ..ocp.progress_robot import ProgressRobot, with_progress
 from ..ocp.transcription import Guess
+from ..problem_robot import with_carried
 from .expected_contact import Judge
 from .instance import Instance
 from .manoeuvres import SLOWING, driven
@@ -26,8 +26,7 @@ def best_manoeuvre(judge: Judge, instance: Instance, first: Guess) -> Guess:
     if best == 0:
         return first
     guess = Guess.bare(states[best], inputs[best - 1], instance.target)
-    if isinstance(instance.robot, ProgressRobot):
-        guess = with_progress(instance.robot, guess, instance.parameters, judge.arc, problem.dt)
+    guess = with_carried(instance.robot, guess, instance.parameters, problem.dt)
     return suited_each(instance, [guess])[0]
 
 

@@ -5,6 +5,8 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, final
 
+import numpy as np
+
 from ...control.rate_limited_warnings import WARNINGS
 from ...controller import Controller, WrapsController, checked_path
 from ...values.errors import WideberthError, short
@@ -25,6 +27,7 @@ from .cycle import (
     warm_up,
 )
 from .settings import PlannerSettings, check_settings, doubts
+from .standing import ARRIVED
 
 SOON = 2.0
 """s ahead within which a level that gives way is a warning; far more than robots need to stop."""
@@ -97,13 +100,20 @@ class Planner(PlannerSettings, Controller):
         self._memory.decision = self._memory.plan = None
 
     def set_path(self, path: Path) -> None:
-        """Follow this path from now on; the first one warns of settings that look like a slip."""
+        """Follow this path from now on; the first one warns of settings that look like a slip.
+
+        Where it is the path of before, or has only moved a little, see `PathProgress.on`, the
+        robot goes on from where it is along it; `reset` begins it anew.
+        """
         path, memory = checked_path(self.robot, path), self._memory
-        first = memory.state.progress is None
-        memory.state = replace(memory.state, progress=ReferenceProgress(path))
+        before = memory.state.progress
+        progress = (before or ReferenceProgress(path)).on(path)
+        same = before is not None and np.linalg.norm(before.path.goal - path.goal) <= ARRIVED
+        standing = memory.state.standing if same else None
+        memory.state = replace(memory.state, progress=progress, standing=standing)
         if not self._services.problems:
             warm_up(self, self._services, path)
-        for words in doubts(self) if first else ():
+        for words in doubts(self) if before is None else ():
             WARNINGS.warn(type(self).__name__, words.split()[0], words)
 
     @property

@@ -1,5 +1,6 @@
 """The recommended planner for a robot and a speed, in one call."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from math import ceil
@@ -7,6 +8,7 @@ from typing import Any
 
 from ...control.command_limits import broken_limit
 from ...plugins.config import build, describe
+from ...plugins.njit import LOG
 from ...plugins.registry import choices, load
 from ...plugins.yamlfile import shared_settings
 from ...robot import Robot, SpeedLimited, start_state, step
@@ -15,6 +17,7 @@ from ...values.errors import WideberthError, short
 from ...values.motion import Command, Twist
 from ..costs.base import Weights
 from ..costs.contouring import Contouring
+from ..costs.smooth_tracking import SmoothTracking
 from ..costs.tracking import Tracking
 from .planner import Planner
 from .settings import PlannerSettings, doubts
@@ -29,8 +32,8 @@ HEADROOM = 1.4
 """Largest speed of a robot over its reference speed (the paper's 0.7 m/s over 0.5 m/s)."""
 PERSON, MOST_ASIDE, LONGEST_ASIDE = 0.3, 3.5, 20.0
 """m, s and s: radius of a person; longest time to move aside that suits people; longest sought."""
-TRACKING = "tracking"
-"""Cost of the planner, unless another one is named."""
+TRACKING, SMOOTH = "tracking", "smooth_tracking"
+"""Cost unless another one is named, and that of a robot whose velocity acts at once."""
 _TICK, _RATES = 0.05, (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 """s, and rad/s: step, and yaw rates that are tried, when the time to move aside is sought."""
 _POWERS = {
@@ -63,7 +66,9 @@ def recommended(
     reaches 5 s ahead or more, as people who walk need it, and 7.5 s / k, in which a robot with
     these weights stops: their time constant is (w_a / w_p)^(1/4) = 3.2 s / k, and a plan of 5 s
     at 0.5 m/s would run 0.5 m past the end of the path. The controller's period and the samples
-    of tracks are one step long.
+    of tracks are one step long. The cost is ``tracking``, and ``smooth_tracking`` for a robot
+    whose velocity acts at once: planned without a price on its changes, such robots turned by 60
+    degrees from one step to the next and collided with each other.
 
     Parameters
     ----------
@@ -72,7 +77,8 @@ def recommended(
         yaw acceleration with its square), so that the smallest turning circle stays. A config or
         a `Robot` is taken as it is.
     speed : m/s, along the path; None for 1/1.4 of the robot's largest speed.
-    quiet : print nothing; otherwise a line says each choice and its reason.
+    quiet : print nothing, and log no compilation of loops in this process from now on; otherwise
+        a line says each choice and its reason.
     settings : any other of `PlannerSettings`, instead of the recommended ones. A step ``dt`` sets
         the horizon, the period and the samples of tracks too, unless they are given.
 
@@ -94,6 +100,8 @@ def recommended(
         )
     chosen = {} if speed is None else {"reference_speed": speed}
     given = {**settings, "robot": robot, **chosen}
+    if quiet:
+        LOG.setLevel(logging.ERROR)
     planner: Planner = build("controllers", completed(given))
     if not quiet:
         changes = _robot_for(robot, planner.reference_speed)[1]
@@ -141,7 +149,7 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
         "track_dt": dt,
         "horizon": max(PlannerSettings.horizon, ceil(max(AHEAD, STOPPING / k) / dt - 1e-9)),
     }
-    cost = _scaled_cost(given.get("cost", TRACKING), k)
+    cost = _scaled_cost(given.get("cost", {}), k, robot)
     derived |= for_polygons(robot)
     return settings | {**derived, **given, "type": "mpc", "robot": robot, "cost": cost}
 
@@ -151,14 +159,22 @@ def for_polygons(robot: Robot) -> dict[str, str]:
     return {"static_region": "separating_line"} if robot.dimension == 2 else {}
 
 
-def _scaled_cost(cost: Any, k: float) -> Any:
-    """Return the config of a cost whose weights, where none are stated, follow the speed."""
+def velocity_acts_at_once(robot: Robot) -> bool:
+    """Whether a robot's velocity is its input and no part of its state."""
+    ahead = (1.0, *(0.0,) * (robot.dimension - 1))
+    state, _ = start_state(robot, (0.0,) * robot.dimension, ahead, 0.1)
+    return not any(robot.twist(state, (0.0,) * len(robot.inputs)).linear)
+
+
+def _scaled_cost(cost: Any, k: float, robot: Robot) -> Any:
+    """Return the config of a cost whose type and weights, where none are stated, are ours."""
     settings = {"type": cost} if isinstance(cost, str) else cost
     if isinstance(settings, Mapping) and not {"type", "saved"} & {*settings}:
-        settings = {"type": TRACKING, **settings}
+        usual = SMOOTH if velocity_acts_at_once(robot) else TRACKING
+        settings = {"type": usual, **settings}
     kind = settings.get("type") if isinstance(settings, Mapping) else None
     known = load("costs", kind) if kind in choices("costs") else None
-    if known not in (Tracking, Contouring):
+    if known not in (Tracking, SmoothTracking, Contouring):
         return cost  # made already, of a user's own, or refused by `build`
     defaults, stated = describe(known().scaled(k)), settings.get("weights", {})
     if not isinstance(stated, Mapping):

@@ -137,6 +137,12 @@ class PlannerSettings:
         return self.margin if self.wall_margin is None else self.wall_margin
 
     @property
+    def room_at_walls(self) -> float:
+        """What the robot's widest body needs to either side of its middle between walls, m."""
+        widest = max(body.radius for body in self.kinds[0].bodies(self.robot))
+        return widest + self.margin_at_walls
+
+    @property
     def grid(self) -> Array:
         """Times of the plan's steps 1..N after its first state, s."""
         return self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)

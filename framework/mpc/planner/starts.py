@@ -22,8 +22,8 @@ from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.plan import Plan
 from ..ocp.problem import Parameters, Problem
-from ..ocp.progress_robot import ProgressRobot, with_progress
 from ..ocp.transcription import Guess, Multipliers
+from ..problem_robot import with_carried
 from ..slots.base import SlotAssignment, with_auxiliaries_each
 from .instance import Instance
 from .rollout import (
@@ -157,10 +157,7 @@ def other_starts(
             known.add(numbers)
             none = problem.no_auxiliaries
             found.append(Guess(states, inputs, none, guess.level, guess.slack))
-    if isinstance(robot, ProgressRobot):
-        arc = float(parameters.initial[-1])
-        return [with_progress(robot, point, parameters, arc, problem.dt) for point in found]
-    return found
+    return [with_carried(robot, point, parameters, problem.dt) for point in found]
 
 
 def _numbers(states: Array) -> bytes:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ....framework.control.command_limits import FOREVER
-from ....framework.control.end_of_path import LEFT, SHARE, SHIFT, EndLimits
+from ....framework.control.end_of_path import LEFT, NEAR, SHARE, SHIFT, STEP, EndLimits
 from ....framework.mpc.levels.base import SharedLevel
 from ....framework.mpc.planner.multistart import DEEP, STUCK
 from ....framework.mpc.planner.rungs import RUNGS, SWITCHING_MARGIN
@@ -123,6 +123,8 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("FOREVER", FOREVER, "s"),
         ("END_LEFT", LEFT, "m"),
         ("END_SHIFT", SHIFT, "m"),
+        ("END_NEAR", NEAR, "m"),
+        ("END_STEP", STEP, "s"),
         ("END_BRAKING", SHARE * end.braking, "m/s^2"),
         ("END_TURNING", SHARE * end.yaw_rate, "rad/s"),
         ("END_YAW_RATE", end.yaw_rate, "rad/s, on the spot"),

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth import Observation, Path, names, recommended
+from wideberth import Detection, Observation, Path, names, recommended
 from wideberth.framework.control.command_limits import within_reach
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.robot import start_state, step
+from wideberth.robots import Bicycle
 
 TICK = 0.05
 NEAR, SLOW = 0.25, 0.1
@@ -33,16 +34,23 @@ class Arrival:
     """m from the end, at most, once it has been near."""
 
 
-def drive(planner: Planner, points: Any = STRAIGHT, aside: float = 0.0) -> Arrival:
+def drive(
+    planner: Planner,
+    points: Any = STRAIGHT,
+    aside: float = 0.0,
+    ahead: float = 0.0,
+    bodies: tuple[Detection, ...] = (),
+) -> Arrival:
     """Drive from rest, exactly as planned, for some seconds beyond the first time that it is near.
 
     Parameters
     ----------
-    points : of the path, in the plane. aside : m, by which the robot begins beside it.
+    points : of the path, in the plane. aside, ahead : m, by which the robot begins beside it and
+        after its first point. bodies : that stand.
     """
     robot, size = planner.robot, planner.robot.dimension
     path = Path(np.pad(np.array(points), ((0, 0), (0, size - 2))))
-    place = path.points[0] + np.eye(size)[1] * aside
+    place = path.points[0] + np.eye(size)[1] * aside + np.eye(size)[0] * ahead
     state, twist = start_state(robot, tuple(place), tuple(path.direction(np.zeros(1))[0]), 0.0)
     smoother = VelocitySmoother.at_rest(twist)
     (last,) = path.direction(np.array([path.length]))
@@ -51,7 +59,7 @@ def drive(planner: Planner, points: Any = STRAIGHT, aside: float = 0.0) -> Arriv
     first, time, due = np.inf, 0.0, 0.0
     while time < min(first + SOON + 5.0, 4.0 * path.length / planner.reference_speed + 20.0):
         if time >= due - 1e-9:
-            seen = Observation(time, np.array(state))
+            seen = Observation(time, np.array(state), bodies)
             smoother = smoother.aim(within_reach(robot, planner.command(seen)), time)
             due += planner.period
         control = robot.drive(state, smoother.at(time + TICK), TICK)
@@ -107,3 +115,39 @@ def test_it_does_so_from_beside_the_path_and_after_a_corner(
     name: str, points: Any, aside: float, speed: float
 ) -> None:
     check(drive(recommended(name, speed, quiet=True), points, aside))
+
+
+def car(speed: float, back: float | None = None) -> Bicycle:
+    k = max(speed / 0.5, 1.0)
+    return Bicycle(
+        radius=0.3,
+        max_speed=0.7 * k,
+        max_acceleration=0.7 * k,
+        max_steering_rate=0.3 * k,
+        max_reverse_speed=back,
+    )
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("aside", [0.4, -0.8])
+def test_a_car_beside_its_goal_backs_off_and_arrives(speed: float, aside: float) -> None:
+    """Its turning circle of 2.4 m leads past a goal that is 0.4 m aside and 0.3 m ahead."""
+    planner = recommended(car(speed), speed, quiet=True)
+    arrival = drive(planner, SHORT, aside, SHORT[1][0] - 0.3)
+    assert arrival.near < np.inf and arrival.stands <= SOON
+
+
+def test_a_car_drives_round_a_person_who_stands_close_before_it() -> None:
+    person = Detection("1", np.array([1.3, 0.02]), 1e-4 * np.eye(2), 0.3)
+    arrival = drive(recommended(car(0.5), 0.5, quiet=True), STRAIGHT, ahead=0.5, bodies=(person,))
+    assert arrival.near < np.inf
+
+
+def test_a_car_without_a_reverse_gear_says_that_its_circle_is_in_the_way() -> None:
+    planner = recommended(car(0.5, back=0.0), 0.5, quiet=True)
+    planner.set_path(Path(np.array(SHORT)))
+    state, _ = start_state(planner.robot, (2.7, 0.6), (1.0, 0.0), 0.0)
+    for tick in range(13):
+        planner.command(Observation(tick * planner.period, np.array(state)))
+    assert planner.last_plan is not None
+    assert "turning circle is 2.4 m" in planner.last_plan.reason

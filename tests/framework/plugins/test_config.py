@@ -339,3 +339,56 @@ def test_many_keys_that_stand_twice_are_merged_soon(tmp_path: Path) -> None:
     file.write_text("".join(f"node: {{key{i}: 1}}\n" for i in range(4000)))
     with pytest.raises(WideberthError, match="more than 10000 values"):
         read_merged(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("a:\t0.5", {"a": 0.5}),
+        ("a: 0.5\t# m", {"a": 0.5}),
+        ("a: 0.5 \t \nb:\t\n  c: 1\t\n", {"a": 0.5, "b": {"c": 1}}),
+        ("a\t:\t&x 3\nb:\t*x", {"a": 3, "b": 3}),
+        ("a: two\twords\t", {"a": "two\twords"}),
+        ("a: two\t\n  words", {"a": "two words"}),
+        ("-\t3\n- 4\t", [3, 4]),
+        ("a: 1\n\t\n \t# by hand\nb: 2", {"a": 1, "b": 2}),
+        ("a: [1,\t2\t,\n\t3]\t# three", {"a": [1, 2, 3]}),
+        ("{a:\t1\t,\tb: 2\t}", {"a": 1, "b": 2}),
+        ("a: '\tx'", {"a": "\tx"}),
+    ],
+)
+def test_tabs_separate(text: str, value: object) -> None:
+    assert parse(text, "c") == value
+
+
+@pytest.mark.parametrize("text", ["a:\n\tb: 1", "\ta: 1", "a: 1\n  \tb: 2", "-\t- 1", "-\ta: 1"])
+def test_tabs_do_not_indent(text: str) -> None:
+    with pytest.raises(WideberthError, match="is not YAML"):
+        parse(text, "c")
+
+
+def test_a_line_of_tabs_is_read_in_one_go() -> None:
+    blanks = "\t " * 100_000
+    assert parse(f"a:{blanks}1\n{blanks}\nb: [1,{blanks}2]{blanks}", "c") == {"a": 1, "b": [1, 2]}
+
+
+@pytest.mark.parametrize("text", ["010", "-007", "00", "0_7", "1_000", "1_000.5", "1:30", "1:30.5",
+                                  "190:20:30", "0b101", "1e-400", "-.5E-999"])  # fmt: skip
+def test_numbers_that_readers_of_yaml_take_for_others_are_refused(text: str) -> None:
+    for config in (f"limit: {text}", f"limits: [1, {text}]", f"{text}: 1"):
+        with pytest.raises(WideberthError, match=r"line 1, .* (readers of YAML|too small)"):
+            parse(config, "c")
+    assert parse(f"limit: '{text}'", "c") == {"limit": text}
+
+
+@pytest.mark.parametrize(("text", "value"), [("0", 0), ("0.0", 0.0), ("07.5", 7.5), ("0x1F", 31),
+                                             ("0e-999", 0.0), ("1e-310", 1e-310)])  # fmt: skip
+def test_plain_numbers_are_read(text: str, value: float) -> None:
+    assert parse(f"limit: {text}", "c") == {"limit": value}
+
+
+@pytest.mark.parametrize(
+    "text", ["1e5", ".5e3", "1e-400", "1E400", "010", "1:30", "12", "a\tb", "yes"]
+)
+def test_text_that_looks_like_a_number_stays_text(text: str) -> None:
+    assert parse(dump({"name": text}), "c") == {"name": text}

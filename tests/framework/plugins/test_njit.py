@@ -29,11 +29,11 @@ print(quarter(8.0), inverse(0.0), sum(quarter.stats.cache_hits.values()))
 """
 
 
-def used(folder: Path, **environment: str) -> tuple[list[str], str]:
-    """Return what `USE` prints in a new process, and its standard error."""
+def used(folder: Path, script: str = USE, **environment: str) -> tuple[list[str], str]:
+    """Return what a script prints in a new process, and its standard error."""
     inherited = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
-        [sys.executable, "-c", USE], cwd=folder, capture_output=True, text=True, check=True,
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True,
         env={**inherited, "PYTHONPATH": str(folder), **environment},
     )  # fmt: skip
     return done.stdout.split(), done.stderr
@@ -52,6 +52,13 @@ LINE = "compiling loops for its first use, some seconds ...\n"
 def test_the_first_use_compiles_and_says_so(loops: Path) -> None:
     assert used(loops) == (["2.0", "inf", "0"], LINE)
     assert used(loops) == (["2.0", "inf", "1"], "")
+
+
+def test_a_quiet_planner_compiles_in_silence(loops: Path) -> None:
+    quiet = "from wideberth import recommended\nrecommended(quiet=True)\n" + USE.replace(
+        'assert "numba" not in sys.modules\n', ""
+    )
+    assert used(loops, quiet) == (["2.0", "inf", "0"], "")
 
 
 def test_without_a_cache_folder_loops_are_compiled_for_one_process(loops: Path) -> None:

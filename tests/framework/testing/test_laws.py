@@ -9,8 +9,24 @@ from inspect import signature
 import numpy as np
 import pytest
 
-from wideberth.framework.testing.laws import Contract, Law, law, refusing, require, serving, stated
-from wideberth.framework.values.errors import WideberthError
+from wideberth.framework import testing
+from wideberth.framework.plugins.extras import from_extra
+from wideberth.framework.testing.laws import (
+    CHECKS,
+    Contract,
+    Law,
+    findings,
+    law,
+    laws_of,
+    refusing,
+    require,
+    serving,
+    stated,
+)
+from wideberth.framework.values.errors import MissingLibraryError, WideberthError
+from wideberth.predictors.kalman import Kalman
+from wideberth.robots.unicycle import Unicycle
+from wideberth.simulation.scenarios.crossing import Crossing
 
 DRAWN: list[float] = []
 
@@ -135,3 +151,45 @@ def test_wrong_use_has_to_be_refused() -> None:
     with pytest.raises(AssertionError, match=r"^a number: wrong use raised TypeError: no text"):
         with refusing("a number"):
             raise TypeError("no text")
+
+
+def test_a_plug_in_whose_fields_can_be_set_breaks_a_law() -> None:
+    """It is a copy of a shipped one, so that it keeps all others."""
+
+    @dataclass
+    class Changeable(Crossing.__mro__[1]):  # type: ignore[misc]
+        build = Crossing.build
+
+    checks = {"predictor": Kalman(), "robot": Unicycle(), "scenario": Crossing()}
+    for kind, plugin in checks.items():
+        (frozen,) = (one for one in laws_of(kind, plugin) if one.name == "frozen")
+        frozen.check()
+    (frozen,) = (one for one in laws_of("scenario", Changeable()) if one.name == "frozen")
+    with pytest.raises(AssertionError, match="Changeable can be changed"):
+        frozen.check()
+
+
+STATEFUL = {"check_controller", "check_detector", "check_tracker", "check_state_estimator"}
+PARTICULAR = {"check_level", "check_region", "check_scenario"}  # they take only plug-ins of theirs
+
+
+@pytest.mark.parametrize("check", sorted({*CHECKS} - STATEFUL - PARTICULAR))
+def test_values_of_every_kind_are_frozen(check: str) -> None:
+    @dataclass
+    class Changeable:
+        speed: float = 1.0
+
+    laws = {one.name: one for one in getattr(testing, check).laws(Changeable())}
+    with pytest.raises(AssertionError, match="Changeable can be changed"):
+        laws["frozen"].check()
+
+
+def test_a_library_that_is_missing_breaks_no_law() -> None:
+    """It is named once, by the error that states the extra, however deep that lies."""
+
+    def first() -> None:
+        with serving("fit"):
+            from_extra("no_such_library", "learning", "to fit needs it")
+
+    with pytest.raises(MissingLibraryError, match=r"pip install 'wideberth\[learning\]'"):
+        list(findings([Law("first", first), Law("second", first)]))

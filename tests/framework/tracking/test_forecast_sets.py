@@ -162,7 +162,7 @@ def first_value(table: Any, name: str, value: Any) -> Any:
         (lambda t: first_value(t, "x", None), r"x is null in 1 rows"),
         (lambda t: t.slice(1), r"forecast 0: 11 rows of 2 obstacles, 1 modes and 6 steps.*wanted"),
         (lambda t: t.slice(0, 12), r"forecast 0: 0 rows of 2 obstacles, 0 modes and 0 steps"),
-        (lambda t: t.slice(0, 0), r"has 0 rows; wanted 1 to 50000000"),
+        (lambda t: t.slice(0, 0), r"has 0 rows; wanted 1 to 100000000"),
         (lambda t: first_value(t, "step", -9), r"forecast 0: 12 rows of 2 obs.*and 7 steps"),
         (lambda t: first_value(t, "dt", 0.5), r"forecast 0: dt differs between the rows of one"),
         (lambda t: first_value(t, "radius", 0.5), r"radius differs between the steps of an obs"),

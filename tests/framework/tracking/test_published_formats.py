@@ -282,6 +282,8 @@ def pedestrian(**box: Any) -> dict[str, Any]:
             r"\[1, 2, 3, 4\], in pixels; give the file of labels_3d",
         ),
         ({"labels": {"0.pcd": [pedestrian(), pedestrian()]}}, r"'pedestrian:1' is there twice"),
+        ({"labels": {"07.pcd": [], "7.pcd": []}}, r"frame 7 is there twice; remove one of them"),
+        ({"labels": {"\u0667.pcd": []}}, r"named '.*\.pcd'; wanted a number"),
         ({"labels": {"0.pcd": [pedestrian(cx="a")]}}, r"'a' stands where a number cx was wanted"),
         (
             {"labels": {"0.pcd": [pedestrian(cx=1e300)]}},
@@ -388,6 +390,22 @@ def test_a_scene_of_trajdata_is_read_as_it_is(scenes: dict[str, Array]) -> None:
     np.testing.assert_allclose(found.positions[1, 5:15], scenes["b"], rtol=0, atol=1e-12)
     assert np.isnan(found.positions[1, [4, 15]]).all()
     assert found.notes == ("left out: 1 agents that are not people",)
+
+
+def test_rows_of_trajdata_without_a_place_are_gaps(scenes: dict[str, Array]) -> None:
+    """Their neighbours stay as they are, and a person who has no other rows is named."""
+    whole = read(scene=1).positions
+    scenes["a"][8:10] = np.nan
+    scenes["a"][15, 1] = np.inf
+    found = read(scene=1)
+    assert np.flatnonzero(np.isnan(found.positions[0]).any(axis=1)).tolist() == [8, 9, 15]
+    seen = np.isfinite(found.positions)
+    np.testing.assert_array_equal(found.positions[seen], whole[seen])
+    scenes["b"][:] = np.nan
+    assert read(scene=1).ids == ("a",) and "never seen: b" in read(scene=1).notes
+    scenes["a"][:] = np.nan
+    with pytest.raises(WideberthError, match="none of a, b is ever seen"):
+        read(scene=1)
 
 
 def test_what_trajdata_cannot_give(scenes: dict[str, Array]) -> None:

@@ -49,6 +49,57 @@ def test_a_robot_on_a_path_that_crosses_itself_goes_all_around():
     assert np.abs(np.array(follow(path, aside)) - wanted).max() < 0.4
 
 
+@pytest.mark.parametrize("beside", [0.0, 0.02, -0.09])
+@pytest.mark.parametrize("kind", [PathProgress, ReferenceProgress])
+def test_a_robot_that_stands_before_the_tip_of_a_way_back_comes_past_it(kind, beside):
+    path = Path([(0.0, 0.0), (4.0, 0.0), (-4.0, beside)])
+    progress = kind(path)
+    for x in [*np.arange(0.0, 3.0, 0.1), *[3.0] * 12, *np.arange(3.0, 3.5, 0.1), *[3.5] * 30]:
+        progress, arc = progress.advanced(np.array([x, 0.0]), 3.0)
+    assert 5.0 - 1e-3 <= arc < 5.01, "it is on the way back, and does not fall back from there"
+    for x in np.arange(3.5, -4.01, -0.1):
+        progress, arc = progress.advanced(np.array([x, beside]), 3.0)
+    assert arc == pytest.approx(path.length, abs=1e-2)
+
+
+def test_a_way_back_beyond_what_is_looked_ahead_is_not_taken():
+    progress = PathProgress(Path([(0.0, 0.0), (4.0, 0.0), (0.0, 0.0)]))
+    for x in [*np.arange(0.0, 1.0, 0.1), *[1.0] * 30]:
+        progress, arc = progress.advanced(np.array([x, 0.0]), 3.0)
+    assert arc == pytest.approx(1.0)
+
+
+def test_a_robot_that_has_not_set_out_takes_no_way_back():
+    """It turns on the spot at first, at the end of its path too."""
+    progress = PathProgress(Path([(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)]))
+    for _ in range(40):
+        progress, arc = progress.advanced(np.zeros(2), 3.0)
+    assert arc == 0.0
+
+
+def test_who_only_watches_takes_the_way_back_once_the_robot_drives_back():
+    progress = PathProgress(Path([(0.0, 0.0), (4.0, 0.0), (0.0, 0.0)]))
+    for x in [*np.arange(0.0, 3.0, 0.1), *[2.9] * 20]:
+        progress, arc = progress.advanced(np.array([x, 0.0]))
+    assert arc == pytest.approx(2.9)
+    for x in np.arange(2.9, 1.0, -0.1):
+        progress, arc = progress.advanced(np.array([x, 0.0]))
+    assert arc == pytest.approx(8.0 - x)
+
+
+def test_a_path_that_has_moved_a_little_is_gone_on_along():
+    loop = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0), (0.0, 0.0)])
+    progress = ReferenceProgress(Path(loop))
+    for place in progress.path.at(np.arange(0.0, 15.9, 0.2)):
+        moved = progress.path.points + 0.001
+        progress, arc = progress.on(Path(moved)).advanced(place)
+    assert arc > 15.5
+    assert progress.on(Path(loop + 1.0)).last is None
+    assert progress.on(Path(loop[:-1])).last is None
+    end = progress.advanced(loop[-1] + 0.08)[0].rest
+    assert end.length < 0.2, "at its end nothing is left of the loop"
+
+
 def test_who_follows_no_timed_reference_does_not_skip_a_spike():
     """People who wait near a turn of their way still walk to its tip."""
     progress = PathProgress(Path([(0.0, 0.0), (4.0, 0.0), (4.0, -2.0), (5.0, 10.0)]))

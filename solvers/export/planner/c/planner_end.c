@@ -15,7 +15,33 @@ static double left_of(struct path *path, int who, const double *place, double *a
 {
     const double *goal = path->at[path->count - 1];
     away[0] = goal[0] - place[0], away[1] = goal[1] - place[1];
-    return path->arc[path->count - 1] - wb_progressed(path, &path->progress[who], place, 0.0);
+    return path->arc[path->count - 1] - wb_progressed(path, &path->progress[who], place);
+}
+
+double wb_turning(double away, double speed, double rate)
+{
+    const double most = PLAN_END_YAW_RATE * fmax(away, PLAN_END_STEP * speed) / PLAN_END_NEAR;
+    return PLAN_END_YAW_RATE > 0.0 ? copysign(fmin(fabs(rate), most), rate) : rate;
+}
+
+void wb_hold(struct wideberth_planner *planner, const wideberth_observation *seen, double arc,
+    const double *place)
+{
+    const struct path *path = &planner->path;
+    const double *goal = path->at[path->count - 1];
+    const int held = planner->holds;
+    int k;
+    planner->holds = 0;
+    if (arc < path->arc[path->count - 1] - PLAN_END_LEFT
+        || path->progress[REFERENCE].waited < PATIENCE)
+        return;
+    for (k = 0; k < seen->obstacles; k++) {
+        const wideberth_detection *body = &seen->detections[k];
+        if (hypot(body->position[0] - goal[0], body->position[1] - goal[1])
+            < PLAN_ROOM + body->radius)
+            planner->holds = 1;
+    }
+    if (planner->holds && !held) memcpy(planner->hold, place, sizeof(planner->hold));
 }
 
 int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
@@ -27,7 +53,7 @@ int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
     if (!planner->path.count) return WIDEBERTH_PLAN_NO_PATH;
     memmove(limited, wanted, 3 * sizeof(double));
     speed = hypot(limited[0], limited[1]);
-    if (speed == 0.0 || !computable(pose)) return WIDEBERTH_PLANNED;
+    if (!computable(pose)) return WIDEBERTH_PLANNED;
     left = left_of(&planner->path, APPROACH, pose, away);
     apart = hypot(away[0], away[1]);
     most = sqrt(2.0 * PLAN_END_BRAKING * fmax(apart, left));
@@ -37,6 +63,7 @@ int wideberth_planner_approach(wideberth_planner *planner, const double *pose,
         if (across > 0.0) most = fmin(most, 0.5 * PLAN_END_TURNING * apart * apart / across);
     }
     if (speed > most) limited[0] *= most / speed, limited[1] *= most / speed;
+    if (left <= PLAN_END_LEFT) limited[2] = wb_turning(apart, fmin(speed, most), limited[2]);
     return WIDEBERTH_PLANNED;
 }
 
@@ -48,9 +75,8 @@ int wideberth_planner_arrived(wideberth_planner *planner, const double *place, d
     if (!planner || !place || planner->build != WIDEBERTH_BUILD || !planner->path.count) return 0;
     path = &planner->path, goal = path->at[path->count - 1];
     if (!computable(place)) return path->there = 0;
-    if (!path->progress[ARRIVAL].begun)
-        path->there = path->there
-            && hypot(goal[0] - path->goal[0], goal[1] - path->goal[1]) <= PLAN_END_SHIFT;
+    path->there = path->there
+        && hypot(goal[0] - path->goal[0], goal[1] - path->goal[1]) <= PLAN_END_SHIFT;
     memcpy(path->goal, goal, sizeof(path->goal));
     left = left_of(path, ARRIVAL, place, away);
     path->there = hypot(away[0], away[1]) <= (1.0 + path->there) * tolerance

@@ -223,9 +223,12 @@ struct scratch {
 };
 
 struct progress { /* how far along the path the robot has come, and where it was then */
-    int begun;
-    double last, where[2];
+    int begun, grown; /* whether there was a call, and whether the arc length has grown since */
+    int waited;       /* calls since it has grown beyond `farthest` */
+    double last, where[2], farthest, begin; /* the search does not go behind `begin` */
 };
+
+#define PATIENCE 8 /* calls without progress after which a way back counts, or a robot rests */
 
 enum { REFERENCE, APPROACH, ARRIVAL, PROGRESSES }; /* who follows it along the path */
 
@@ -233,7 +236,6 @@ struct path {
     int count;
     double at[POINTS][2], arc[POINTS];
     struct progress progress[PROGRESSES];
-    int waited; /* calls since the arc length of the reference has grown */
     int there;  /* whether the robot was at the path's end */
     double goal[2]; /* where that was */
 };
@@ -241,6 +243,8 @@ struct path {
 struct wideberth_planner {
     uint64_t build;
     struct path path;
+    int holds; /* whether it rests at `hold` while a body stands on its goal */
+    double hold[2];
     struct history history;
     struct tracks tracks;
     struct forecast forecast;
@@ -256,10 +260,14 @@ struct wideberth_planner {
 /* Fill the problem of one decision; the first starting point is written to `first`. */
 void wb_fill(struct wideberth_planner *planner, const wideberth_observation *seen,
     const double *start, double arc, struct point *first);
-double wb_progressed(const struct path *path, struct progress *progress, const double *place,
-    double farther);
+double wb_progressed(const struct path *path, struct progress *progress, const double *place);
 double wb_advanced(struct path *path, const double *place);
 void wb_lay(const struct path *path, double arc, wideberth_problem *problem);
+/* Whether a robot at a place rests there, or goes on resting, since its goal is taken. */
+void wb_hold(struct wideberth_planner *planner, const wideberth_observation *seen, double arc,
+    const double *place);
+/* The yaw rate that a robot near the end of its path still has a reason for. */
+double wb_turning(double away, double speed, double rate);
 
 /* Own variables that suit the poses of a point best. */
 void wb_suit(const struct instance *instance, struct point *point);

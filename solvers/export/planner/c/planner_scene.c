@@ -9,6 +9,9 @@
 #define GROWN 0.01    /* m, by which the arc length grows of a robot that does not wait */
 #define LONGER 0.25   /* m, by which the search reaches farther with each call in which it waits, */
 #define LONGEST 5.0   /* m, at most */
+#define CUT 6.0       /* m of the path that a way back may cut off, */
+#define OPPOSITE -0.5 /* whose cosine to the way there is smaller, */
+#define BESIDE 0.1    /* m, and that is no more farther off */
 #define SURPLUS 1e-3  /* by which an outer radius is enlarged, in m and relative */
 #define FAR 1e6       /* m; largest distance of a mean from the robot */
 #define WIDE 1e4      /* m; largest deviation, and radius */
@@ -21,61 +24,111 @@ static double length_of(const double *first, const double *second)
 
 /* ---- The path */
 
+/* Arc length and distance of the nearest point of a piece within a window from `start` on; the
+ * distance of a piece outside it is infinite. */
+static double nearest_of(const struct path *path, int k, const double *place, double start,
+    double window, double *away)
+{
+    const double *begin = path->at[k], before = path->arc[k];
+    const double step[2] = {path->at[k + 1][0] - begin[0], path->at[k + 1][1] - begin[1]};
+    const double length = path->arc[k + 1] - before;
+    const double low = fmin(fmax(start - before, 0.0), length);
+    const double high = fmin(fmax(start + window - before, 0.0), length);
+    double along, reach, gap[2];
+    along = ((place[0] - begin[0]) * step[0] + (place[1] - begin[1]) * step[1]) / length;
+    along = fmin(fmax(along, low), high), reach = before + along;
+    gap[0] = begin[0] + step[0] * (along / length) - place[0];
+    gap[1] = begin[1] + step[1] * (along / length) - place[1];
+    *away = sqrt(gap[0] * gap[0] + gap[1] * gap[1]);
+    if (reach < start - 1e-12 || reach > start + window + 1e-12) *away = INFINITY;
+    return reach;
+}
+
+/* Distance of the nearest point within a window from `start` on. */
+static double least_away(const struct path *path, const double *place, double start, double window)
+{
+    double nearest = INFINITY, away;
+    int k;
+    for (k = 0; k + 1 < path->count; k++) {
+        nearest_of(path, k, place, start, window, &away);
+        nearest = fmin(nearest, away);
+    }
+    return nearest;
+}
+
 /* Arc length of the nearest point from `start` on, within a window; the first stretch is taken
  * whose nearest point is no more than `early` farther off than the nearest of all. */
 static double project(const struct path *path, const double *place, double start, double window,
     double early)
 {
-    double nearest = INFINITY, found = 0.0;
-    int turn, k;
-    for (turn = 0; turn < 2; turn++) {
-        for (k = 0; k + 1 < path->count; k++) {
-            const double *begin = path->at[k], before = path->arc[k];
-            const double step[2] = {path->at[k + 1][0] - begin[0], path->at[k + 1][1] - begin[1]};
-            const double length = path->arc[k + 1] - before;
-            const double low = fmin(fmax(start - before, 0.0), length);
-            const double high = fmin(fmax(start + window - before, 0.0), length);
-            double along, reach, gap[2], away;
-            along = ((place[0] - begin[0]) * step[0] + (place[1] - begin[1]) * step[1]) / length;
-            along = fmin(fmax(along, low), high), reach = before + along;
-            gap[0] = begin[0] + step[0] * (along / length) - place[0];
-            gap[1] = begin[1] + step[1] * (along / length) - place[1];
-            away = sqrt(gap[0] * gap[0] + gap[1] * gap[1]);
-            if (reach < start - 1e-12 || reach > start + window + 1e-12) away = INFINITY;
-            if (turn == 0) nearest = fmin(nearest, away);
-            if (turn == 0 || !(away <= nearest + early)) continue;
-            found = reach;
-            return fmin(fmax(found, 0.0), path->arc[path->count - 1]);
-        }
+    const double nearest = least_away(path, place, start, window);
+    double reach, away;
+    int k;
+    for (k = 0; k + 1 < path->count; k++) {
+        reach = nearest_of(path, k, place, start, window, &away);
+        if (away <= nearest + early) return fmin(fmax(reach, 0.0), path->arc[path->count - 1]);
     }
-    return found;
+    return 0.0;
 }
 
-double wb_progressed(const struct path *path, struct progress *progress, const double *place,
-    double farther)
+static int piece_of(const struct path *path, double arc);
+
+/* Arc length of the first stretch within a window that runs against the path at `arc`, and is no
+ * more than `BESIDE` farther off than the nearest one; `arc` if there is none. */
+static double way_back(const struct path *path, const double *place, double arc, double window)
 {
-    double arc;
-    if (!progress->begun) {
-        arc = project(path, place, 0.0, INFINITY, EARLY);
-    } else {
-        const double reach = EARLY + 2.0 * length_of(progress->where, place);
-        const double low = fmax(progress->last - reach, 0.0);
-        arc = project(path, place, low, progress->last + reach + farther - low, 0.0);
+    const double nearest = least_away(path, place, arc, window);
+    const int here = piece_of(path, arc);
+    const double (*at)[2] = path->at;
+    double reach, away, cosine;
+    int k;
+    for (k = 0; k + 1 < path->count; k++) {
+        cosine = (at[k + 1][0] - at[k][0]) * (at[here + 1][0] - at[here][0])
+            + (at[k + 1][1] - at[k][1]) * (at[here + 1][1] - at[here][1]);
+        cosine /= (path->arc[k + 1] - path->arc[k]) * (path->arc[here + 1] - path->arc[here]);
+        reach = nearest_of(path, k, place, arc, window, &away);
+        if (cosine < OPPOSITE && away <= nearest + BESIDE) return reach;
     }
-    progress->begun = 1, progress->last = arc;
-    memcpy(progress->where, place, sizeof(progress->where));
     return arc;
+}
+
+/* The progress at a place; the search reaches `farther` ahead, and a way back may cut off `ahead` m
+ * of the path, or, where that is negative, counts once the robot has driven back. */
+static double progressed(const struct path *path, struct progress *progress, const double *place,
+    double farther, double ahead)
+{
+    double arc, reach, low, driven, back, before;
+    const struct progress last = *progress;
+    memcpy(progress->where, place, sizeof(progress->where));
+    if (!last.begun) {
+        progress->begun = 1;
+        return progress->last = project(path, place, 0.0, INFINITY, EARLY);
+    }
+    reach = EARLY + 2.0 * length_of(last.where, place);
+    low = fmax(last.last - reach, last.begin);
+    arc = project(path, place, low, fmax(last.last + reach + farther - low, 0.0), 0.0);
+    driven = last.grown ? fmax(last.farthest - arc, 0.0) : 0.0, back = arc;
+    if (last.grown && last.waited >= PATIENCE && (ahead >= 0.0 || driven >= EARLY))
+        back = way_back(path, place, arc, (ahead < 0.0 ? CUT : ahead) + 2.0 * driven);
+    if (back > arc) progress->begin = back;
+    before = (last.grown ? last.farthest : last.last) + GROWN;
+    if (back > arc || arc > before)
+        progress->grown = 1, progress->farthest = back, progress->waited = 0;
+    else
+        progress->waited += last.grown;
+    return progress->last = back;
+}
+
+double wb_progressed(const struct path *path, struct progress *progress, const double *place)
+{
+    return progressed(path, progress, place, 0.0, -1.0);
 }
 
 double wb_advanced(struct path *path, const double *place)
 {
     struct progress *reference = &path->progress[REFERENCE];
-    const double before = reference->begun ? reference->last : -INFINITY;
-    const int waited = reference->begun ? path->waited : 0;
-    const double arc
-        = wb_progressed(path, reference, place, fmin(LONGER * waited, LONGEST));
-    path->waited = arc > before + GROWN ? 0 : waited + 1;
-    return arc;
+    return progressed(path, reference, place, fmin(LONGER * reference->waited, LONGEST),
+        PLAN_SPEED * N * WIDEBERTH_DT);
 }
 
 /* Index of the piece of the path that an arc length lies in. */
@@ -366,6 +419,22 @@ static void resume(struct wideberth_planner *planner, double stamp, const double
     first->level = instance->target;
 }
 
+/* Lay the reference at the place where the robot rests. */
+static void rest(const struct wideberth_planner *planner, wideberth_problem *problem)
+{
+    const struct path *path = &planner->path;
+    const int k = path->count - 2;
+    int i, r;
+    for (i = 0; i < N; i++) {
+        for (r = 0; r < 2; r++) {
+            problem->reference[i][r] = planner->hold[r];
+            problem->direction[i][r]
+                = (path->at[k + 1][r] - path->at[k][r]) / length_of(path->at[k], path->at[k + 1]);
+        }
+        problem->speed[i] = 0.0;
+    }
+}
+
 void wb_fill(struct wideberth_planner *planner, const wideberth_observation *seen,
     const double *start, double arc, struct point *first)
 {
@@ -374,6 +443,7 @@ void wb_fill(struct wideberth_planner *planner, const wideberth_observation *see
     wideberth_begin(&instance->problem);
     memcpy(instance->problem.initial, start, sizeof(instance->problem.initial));
     wb_lay(&planner->path, arc, &instance->problem);
+    if (planner->holds) rest(planner, &instance->problem);
     instance->obstacles = instance->polygons = instance->left_out = instance->walls = 0;
     instance->target = WIDEBERTH_SHARED_LEVEL ? PLAN_LEVELS[0] : NAN;
     wb_pose(start, here);

@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#define SAME_PATH 0.1 /* m; a path whose points are no farther from the last one's has only moved */
+
 static const char *const STATUSES[WIDEBERTH_PLAN_STATUSES] = {
     "a plan was made",
     "an argument is NULL",
@@ -68,13 +70,13 @@ void wideberth_planner_reset(wideberth_planner *planner)
     planner->history.stamp = -INFINITY;
     planner->has_plan = planner->kept.known = planner->obstacle_in_way = 0;
     memset(planner->path.progress, 0, sizeof(planner->path.progress));
-    planner->path.there = 0;
+    planner->path.there = planner->holds = 0;
 }
 
 int wideberth_planner_set_path(wideberth_planner *planner, const double (*points)[2], int count)
 {
     struct path *path;
-    int k, kept = 0;
+    int k, kept = 0, same = 1;
     if (!planner || !points) return WIDEBERTH_PLAN_NULL;
     if (!begun(planner)) return WIDEBERTH_PLAN_OTHER_BUILD;
     if (count < 2 || count > POINTS) return WIDEBERTH_PLAN_PATH;
@@ -93,10 +95,12 @@ int wideberth_planner_set_path(wideberth_planner *planner, const double (*points
             if (length == 0.0) continue;
         }
         path->arc[kept] = last ? path->arc[kept - 1] + length : 0.0;
+        same = same && kept < path->count && fabs(points[k][0] - path->at[kept][0]) <= SAME_PATH
+            && fabs(points[k][1] - path->at[kept][1]) <= SAME_PATH;
         memcpy(path->at[kept++], points[k], sizeof(path->at[0]));
     }
+    if (!same || path->count != kept) memset(path->progress, 0, sizeof(path->progress));
     path->count = kept;
-    memset(path->progress, 0, sizeof(path->progress));
     return WIDEBERTH_PLANNED;
 }
 
@@ -243,6 +247,17 @@ int wideberth_planner_remember(wideberth_planner *planner, const wideberth_obser
     return status;
 }
 
+/* Turn no more than there is a reason for near the end of the path, or where the robot rests. */
+static void rest_from_turning(const wideberth_planner *planner, double arc, const double *place,
+    wideberth_command *command)
+{
+    const struct path *path = &planner->path;
+    const double *end = planner->holds ? planner->hold : path->at[path->count - 1];
+    if (!planner->holds && path->arc[path->count - 1] - arc > PLAN_END_LEFT) return;
+    command->omega = wb_turning(hypot(end[0] - place[0], end[1] - place[1]),
+        hypot(command->linear[0], command->linear[1]), command->omega);
+}
+
 static int planned(wideberth_planner *planner, const wideberth_observation *seen,
     wideberth_decision *decision)
 {
@@ -253,6 +268,7 @@ static int planned(wideberth_planner *planner, const wideberth_observation *seen
     wb_within_bounds(seen->state, start);
     wb_pose(start, pose);
     arc = wb_advanced(&planner->path, pose);
+    wb_hold(planner, seen, arc, pose);
     wb_tracks(&planner->history, &planner->tracks);
     wb_forecast(&planner->tracks, seen->stamp, &planner->forecast);
     if (planner->has_plan && isnan(planner->plan_stamp)) /* it cannot be continued */
@@ -263,6 +279,7 @@ static int planned(wideberth_planner *planner, const wideberth_observation *seen
     best = wb_choose(planner, &decision->rung);
     if (!best) return braked(planner, seen, WIDEBERTH_PLAN_NO_RUNG, decision);
     wb_limited(best->point.states[1], best->point.inputs[0], &decision->command);
+    rest_from_turning(planner, arc, pose, &decision->command);
     decision->violation = wb_worst(&best->found), decision->level = best->point.level;
     decision->cost = best->cost, decision->left_out = planner->instance.left_out;
     decision->starts = planner->outcome.count;
