@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -103,7 +103,8 @@ def extended(
         "dimension": robot.dimension,
     }
     able = (SymbolicDrive,) if isinstance(robot, SymbolicDrive) else ()
-    return type(kind.__name__, (kind, *able), names)
+    made: Any = type(kind.__name__, (kind, *able), names)
+    return cast("type[Extended]", made)
 
 
 def _and_free(bounds: Bounds, count: int) -> Bounds:
