@@ -91,6 +91,21 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     return min(1.0, float(ways / 2 ** (differing - 1)))
 
 
+def signed_rank(differences: Array) -> float:
+    """P value of "neither is larger" by Wilcoxon's signed-rank test of paired differences.
+
+    Two-sided, exact of few pairs; pairs without a difference do not count, and 1 is returned where
+    there are no others. Unknown differences (NaN) are no pairs; NaN without any pair.
+    (Wilcoxon 1945.)
+    """
+    from scipy.stats import wilcoxon
+
+    pairs = differences[np.isfinite(differences)]
+    if not pairs.any():
+        return 1.0 if len(pairs) else float("nan")
+    return float(wilcoxon(pairs[pairs != 0.0]).pvalue)
+
+
 def known_mean(values: Any) -> float:
     """Mean of the finite ones among some values; NaN without any."""
     array = np.asarray(values, dtype=np.float64)

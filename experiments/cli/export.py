@@ -8,11 +8,11 @@ import numpy as np
 
 from ...framework.controller import WrapsController
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
-from ...framework.mpc.ocp.problem_robot import robot_of_problem
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from ...framework.mpc.planner.planner import Planner, planner_behind
 from ...framework.mpc.planner.settings import changed
+from ...framework.mpc.problem_robot import robot_of_problem
 from ...framework.mpc.slots.base import CAPACITIES, LevelledKind, SlotKind
 from ...framework.mpc.slots.static_polygons import CORNERS
 from ...framework.mpc.solver import Solution, Solver

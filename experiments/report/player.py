@@ -114,11 +114,11 @@ class Recorded:
 
     def label(self, differing: Sequence[str]) -> str:
         """Name it by some of its labels, or as its file where there are none."""
-        some = ", ".join(
+        words = ", ".join(
             f"seed {self.labels['seed']}" if name == "seed" else self.labels.get(name, "")
             for name in differing
         )
-        return some.replace("_", " ") or self.name
+        return words.replace("_", " ") or self.name
 
     def html(self, differing: Sequence[str]) -> str:
         """Return it as an element of the page, named by some of its labels."""

@@ -7,7 +7,13 @@ import numpy as np
 
 from ...framework.values.arrays import Array
 from ...metrics.episode import tally
-from ...metrics.statistics import bootstrap_interval, clopper_pearson, known_mean, mcnemar
+from ...metrics.statistics import (
+    bootstrap_interval,
+    clopper_pearson,
+    known_mean,
+    mcnemar,
+    signed_rank,
+)
 from ..drawing.plotting import ENOUGH
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
@@ -128,20 +134,6 @@ def against(rows: Sequence[Row], others: Sequence[Row]) -> Row:
         "p_time": signed_rank(gap),
         **{f"{name}_s": value for name, value in difference.items()},
     }
-
-
-def signed_rank(differences: Array) -> float:
-    """P value of "neither is larger" by Wilcoxon's signed-rank test of paired differences.
-
-    Two-sided, exact of few pairs; pairs without a difference do not count, and 1 is returned where
-    there are no others. Unknown differences (NaN) are no pairs; NaN without any pair.
-    """
-    from scipy.stats import wilcoxon
-
-    pairs = differences[np.isfinite(differences)]
-    if not pairs.any():
-        return 1.0 if len(pairs) else float("nan")
-    return float(wilcoxon(pairs[pairs != 0.0]).pvalue)
 
 
 def by_controller(rows: Sequence[Row]) -> dict[str, list[Row]]:

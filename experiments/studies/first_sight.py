@@ -25,7 +25,7 @@ SEEN: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 """Class of people -> how often they have been seen, at least and at most."""
 MOTIONS = "standing", "starting", "stopping", "turning", "walking on", "other"
-"""What people do from a forecast to the last step at which they are known; see `motions`."""
+"""Classes of motion from a forecast on, to the last step of a person; see `motions`."""
 STANDS, WALKS = 0.2, 0.5
 """m/s; who is slower than the first stands, who is faster than the second walks."""
 SHARP = 45.0
@@ -168,8 +168,8 @@ class FirstSight(GridStudy):
         recordings = self.data.read(self.scored()[scene])
         begins = [(one, begin) for one in recordings for begin in self._begins(one)]
         for number, (recording, begin) in enumerate(begins):
-            found = list(self._episode(predictor, recording, begin, dt, noise, rng))
-            rows += [head | {"episode": number} | row for row in counted(found)]
+            sights = list(self._episode(predictor, recording, begin, dt, noise, rng))
+            rows += [head | {"episode": number} | row for row in counted(sights)]
         return TaskOutcome(rows)
 
     def _begins(self, recording: Recording) -> list[int]:
@@ -244,10 +244,10 @@ class FirstSight(GridStudy):
 def _motion(person: ReplayAgent, now: float, grid: Array) -> int:
     """Return the class of `motions` of a person at a time, s, who is known at times ahead."""
     path = person.at(now + np.concatenate([[-PACE, 0.0, PACE], grid]))
-    known = np.flatnonzero(np.logical_and.accumulate(np.isfinite(path[3:]).all(axis=1)))
-    if not len(known):
+    present = np.logical_and.accumulate(np.isfinite(path[3:]).all(axis=1))
+    if not present.any():
         return MOTIONS.index("other")
-    last = now + grid[known[-1]]
+    last = now + grid[present][-1]
     before, after = path[1] - path[0], path[2] - path[1]
     first = before if np.isfinite(before).all() else after
     final = np.subtract(*person.at(np.array([last, max(last - PACE, now)])))

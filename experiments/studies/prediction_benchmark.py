@@ -116,8 +116,8 @@ class PredictionBenchmark(GridStudy):
             for name in getattr(self, field_name):
                 if name not in known:
                     message = f"{field_name}: {unknown('predictor', name, known)}"
-                    own = name.rpartition(":")[2].lower()
-                    path = f"; name it first, as in --set 'predictors.{own}={{type: \"{name}\"}}'"
+                    key = name.rpartition(":")[2].lower()
+                    path = f"; name it first, as in --set 'predictors.{key}={{type: \"{name}\"}}'"
                     raise WideberthError(message + path * (":" in name))
         others = names("predictors") if self.registered else []
         taken = {*self.predictors, *self.left_out}

@@ -60,7 +60,7 @@ class EndLimits:
             circle = CREEP / float(attained(robot, slow, [Twist((CREEP, 0.0), FAST)])[0, 2])
         return cls(deceleration(robot), rate, soon / SOON, circle, reverses)
 
-    def backing(self, pose: Pose, goal: Array) -> float:
+    def backing(self, ahead: float, aside: float) -> float:
         """Return how far a car has to back off, straight, before it can drive to a place, m.
 
         With the place d ahead of it and e beside it, and R the radius of its turning circle, it
@@ -70,12 +70,10 @@ class EndLimits:
 
         Parameters
         ----------
-        pose : of the car. goal : (2,), m.
+        ahead : d, m; negative behind the car. aside : e, m, to either side.
         """
-        away, heading = goal - np.array(pose.position, np.float64), float(pose.heading)  # type: ignore[arg-type]
-        ahead = cos(heading) * away[0] + sin(heading) * away[1]
-        aside = min(abs(cos(heading) * away[1] - sin(heading) * away[0]), self.circle)
-        return float(max(sqrt(aside * (2.0 * self.circle - aside)) - ahead, 0.0) + RUN_UP)
+        aside = min(abs(aside), self.circle)
+        return max(sqrt(aside * (2.0 * self.circle - aside)) - ahead, 0.0) + RUN_UP
 
     def turning(self, away: float, speed: float, rate: float) -> float:
         """Return a yaw rate, rad/s, that a robot near the end of its path still has a reason for.

@@ -31,8 +31,8 @@ from .costs.base import Cost, Moment, ProgressCost
 from .costs.tracking import Tracking
 from .levels.base import LevelPolicy, SharedLevel
 from .ocp.problem import Problem, Slots
-from .ocp.problem_robot import robot_of_problem
 from .ocp.stage import Frame, ReferenceSymbols
+from .problem_robot import robot_of_problem
 from .slots.base import SlotKind, SlotSizes
 
 REST = 1e-2

@@ -189,15 +189,15 @@ def _grid_windows(positions: Array) -> IntArray:
     count, rows, _ = positions.shape
     if rows < LENGTH or not count:
         return np.empty((0, 2), dtype=np.int64)
-    found = []
+    windows = []
     for track in range(count):  # a recording of hours has too many cells for copies of all
-        known = np.isfinite(positions[track]).all(axis=1)
-        total = np.concatenate([[0], np.cumsum(known)])
+        sampled = np.isfinite(positions[track]).all(axis=1)
+        total = np.concatenate([[0], np.cumsum(sampled)])
         enough = total[LENGTH:] - total[:-LENGTH] >= FEWEST
-        place = np.arange(rows - LENGTH + 1) - np.argmax(known)
+        place = np.arange(rows - LENGTH + 1) - np.argmax(sampled)
         starts = np.flatnonzero(enough & (place % STRIDE == 0))
-        found.append(np.stack([np.full(len(starts), track), starts], axis=1))
-    return np.concatenate(found).astype(np.int64)
+        windows.append(np.stack([np.full(len(starts), track), starts], axis=1))
+    return np.concatenate(windows).astype(np.int64)
 
 
 def window_likelihoods(windows: Sequence[tuple[Array, Array]]) -> Array:

@@ -84,7 +84,8 @@ def test_figures_runs_what_has_no_result(shell) -> None:  # type: ignore[no-unty
 def test_list(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, _ = shell("list", "robots")
     assert code == 0 and [line.split()[0] for line in out.splitlines()] == names("robots")
-    assert "unicycle            Skid-steered robot seen as a unicycle.\n" in out
+    line = "unicycle            Skid-steered robot seen as a unicycle."
+    assert f"{line} Radius 0.75 m unless stated.\n" in out
 
 
 def test_check(shell) -> None:  # type: ignore[no-untyped-def]

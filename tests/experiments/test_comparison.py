@@ -20,7 +20,6 @@ from wideberth.experiments.studies.episode_statistics import (
     condensed,
     means,
     promised,
-    signed_rank,
 )
 from wideberth.framework.controller import Controller, DrivesRobot, driving
 from wideberth.framework.robot import Robot
@@ -28,6 +27,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
+from wideberth.metrics.statistics import signed_rank
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import ScriptedAgent

@@ -1,19 +1,15 @@
 """The paper's cost for a robot whose velocity acts at once: its change is priced."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, final
+from dataclasses import dataclass
+from typing import final
 
-from ...values.path import Path
-from ..ocp.reference import Reference
-from ..ocp.stage import ReferenceSymbols
-from .base import CommandCost, Moment, Weights
-from .tracking import Tracking
+from .base import CommandCost
+from .tracking import TimedTracking
 
 
 @final
 @dataclass(frozen=True)
-class SmoothTracking(CommandCost):
+class SmoothTracking(TimedTracking, CommandCost):
     """Track points on the path as `Tracking` does, and price jumps of the velocity.
 
     ::
@@ -30,19 +26,3 @@ class SmoothTracking(CommandCost):
     ----------
     weights : the paper's by default.
     """
-
-    reference: ClassVar[str] = "schoeneberg2025trajectory"
-
-    weights: Weights = field(default_factory=Weights)
-
-    def scaled(self, k: float) -> "SmoothTracking":
-        """Return the cost for a robot that is k times as fast, see `Weights.scaled`."""
-        return SmoothTracking(self.weights.scaled(k))
-
-    def lay(self, path: Path, arc: float, speed: float, steps: int, dt: float) -> Reference:
-        """Lay the reference of `Tracking`."""
-        return Tracking(self.weights).lay(path, arc, speed, steps, dt)
-
-    def terms(self, moment: Moment, reference: ReferenceSymbols) -> Sequence[Any]:
-        """Position, effort and speed."""
-        return Tracking(self.weights).terms(moment, reference)

@@ -34,10 +34,10 @@ from ...values.tracks import Tracks
 from ..assembly import assemble
 from ..ocp.command_robot import CommandRobot
 from ..ocp.problem import Parameters, Problem
-from ..ocp.problem_robot import robot_of_problem, with_carried
 from ..ocp.progress_robot import ProgressRobot, without_progress
 from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
+from ..problem_robot import robot_of_problem, with_carried
 from ..slots.base import (
     CAPACITIES,
     ActiveObstacles,
@@ -335,17 +335,18 @@ def _on_course(
     if arc >= path.length - LEFT and progress.waited >= WAITED:
         hold = _held(settings, state, path, observation, place)
     standing = (state.standing or Standing(stamp, place)).at(stamp, place)
-    way, sign = state.retreat, 1.0
+    way, backwards = state.retreat, False
     if hold is not None:
         path, arc = hold, hold.length
     elif end is not None:
         way = retreat(way, end, standing, stamp, robot.pose(tuple(start.tolist())), path, arc)
         if way is not None and way.driving:
-            path, arc, sign = way.path, way.path.project(place), -1.0
+            path, arc, backwards = way.path, way.path.project(place), True
     reference = settings.cost.lay(
         path, arc, settings.reference_speed, settings.horizon, settings.dt
     )
-    reference = replace(reference, speed=sign * reference.speed)
+    if backwards:
+        reference = replace(reference, speed=-reference.speed)
     state = altered(state, progress=progress, hold=hold, standing=standing, retreat=way)
     return state, Course(stamp, start, place, path, arc, reference)
 
@@ -435,7 +436,7 @@ def _blocked(
     course: Course,
     frame: PerceptionFrame,
 ) -> str:
-    """Say whether the robot stands before its goal, and before what; "" if it does not."""
+    """Return the reason of plans of a robot that stands before its goal, or backs off."""
     progress, end = checked_ready(state.progress), services.end
     standing, back = checked_ready(state.standing), state.retreat
     arc = 0.0 if progress.last is None else progress.last[0]

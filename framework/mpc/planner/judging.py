@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...values.arrays import altered
-from ..ocp.problem_robot import with_carried
 from ..ocp.transcription import Guess
+from ..problem_robot import with_carried
 from .expected_contact import Judge
 from .instance import Instance
 from .manoeuvres import SLOWING, driven

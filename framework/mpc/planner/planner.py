@@ -109,8 +109,9 @@ class Planner(PlannerSettings, Controller):
         before = memory.state.progress
         progress = (before or ReferenceProgress(path)).on(path)
         same = before is not None and np.linalg.norm(before.path.goal - path.goal) <= ARRIVED
-        standing = memory.state.standing if same else None
-        memory.state = replace(memory.state, progress=progress, standing=standing)
+        memory.state = replace(memory.state, progress=progress)
+        if not same:
+            memory.state = replace(memory.state, standing=None, retreat=None)
         if not self._services.problems:
             warm_up(self, self._services, path)
         for words in doubts(self) if before is None else ():

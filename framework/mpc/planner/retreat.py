@@ -41,7 +41,7 @@ class Retreat:
 
     @property
     def words(self) -> str:
-        """What the car does, for the reason of its plans; empty where it drives on."""
+        """Reason of plans while the car backs off; empty at other times."""
         return f"backs off by {self.path.length:.1f} m to turn" if self.driving else ""
 
     def at(self, stamp: float, pose: Pose, stood: float) -> "Retreat":
@@ -78,7 +78,10 @@ def retreat(
     if not (limits.circle and limits.reverses) or there or min(stood, stamp - resumed) < wait:
         return before
     heading = float(pose.heading)  # type: ignore[arg-type]
-    ahead = np.array([cos(heading), sin(heading)])
-    beside = place + ASIDE * np.array([-ahead[1], ahead[0]])
-    back = limits.backing(pose, path.goal if near else beside)
-    return Retreat(Path(np.stack([place, place - back * ahead])), stamp)
+    way = np.array([cos(heading), sin(heading)])
+    ahead, aside = 0.0, ASIDE
+    if near:
+        east, north = path.goal - place
+        ahead, aside = way[0] * east + way[1] * north, way[0] * north - way[1] * east
+    back = limits.backing(float(ahead), float(aside))
+    return Retreat(Path(np.stack([place, place - back * way])), stamp)

@@ -136,9 +136,9 @@ class PlannerSettings:
         """Added to the radius of the robot's bodies before static polygons, m."""
         return self.margin if self.wall_margin is None else self.wall_margin
 
-    @property
+    @cached_property
     def room_at_walls(self) -> float:
-        """What the robot's widest body needs to either side of its middle between walls, m."""
+        """Radius of the robot's largest disc and the margin at walls, m."""
         widest = max(body.radius for body in self.kinds[0].bodies(self.robot))
         return widest + self.margin_at_walls
 

@@ -47,7 +47,9 @@ class Standing:
     def blocked(
         self, stamp: float, path: Path, arc: float, seen: Observation, radius: float, room: float
     ) -> str:
-        """Say for how long a robot has stood before its goal, and before what; "" if it has not.
+        """Return the reason of plans of a robot that has stood for `STANDS` s before its goal.
+
+        It states the time and the nearest obstacle, and is empty for other robots.
 
         Parameters
         ----------
@@ -78,5 +80,5 @@ class Standing:
 
 
 def misfit(room: float) -> str:
-    """Say that a robot finds no way, which needs so much to either side of its middle, m."""
+    """Return the words for a robot that is too wide; ``room``, m, is half of what it needs."""
     return f"it does not fit: no way within {BESIDE:g} m of its path is {2.0 * room:.2f} m wide"

@@ -22,8 +22,8 @@ from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.plan import Plan
 from ..ocp.problem import Parameters, Problem
-from ..ocp.problem_robot import with_carried
 from ..ocp.transcription import Guess, Multipliers
+from ..problem_robot import with_carried
 from ..slots.base import SlotAssignment, with_auxiliaries_each
 from .instance import Instance
 from .rollout import (

@@ -151,3 +151,15 @@ def test_a_car_without_a_reverse_gear_says_that_its_circle_is_in_the_way() -> No
         planner.command(Observation(tick * planner.period, np.array(state)))
     assert planner.last_plan is not None
     assert "turning circle is 2.4 m" in planner.last_plan.reason
+
+
+def test_a_car_that_backs_off_drives_on_at_once_to_another_goal() -> None:
+    planner = recommended(car(0.5), 0.5, quiet=True)
+    planner.set_path(Path(np.array(SHORT)))
+    state, _ = start_state(planner.robot, (2.7, 0.6), (1.0, 0.0), 0.0)
+    for tick in range(6):
+        planner.command(Observation(tick * planner.period, np.array(state)))
+    assert planner.last_plan is not None and "backs off" in planner.last_plan.reason
+    planner.set_path(Path(np.array([(2.7, 0.6), (9.0, 0.6)])))
+    planner.command(Observation(6 * planner.period, np.array(state)))
+    assert planner.last_plan is not None and planner.last_plan.reason == ""

@@ -1,11 +1,12 @@
 """The robot as a problem states it: with what its cost carries along among the states."""
 
-from ...robot import Robot
-from ..costs.base import CommandCost, Cost, ProgressCost
-from .command_robot import CommandRobot, command_robot_of, with_command
-from .problem import Parameters
-from .progress_robot import ProgressRobot, progress_robot_of, with_progress
-from .transcription import Guess
+from ..robot import Robot
+from .costs.base import CommandCost, Cost, ProgressCost
+from .ocp.command_robot import command_robot_of
+from .ocp.extended_robot import ExtendedRobot
+from .ocp.problem import Parameters
+from .ocp.progress_robot import progress_robot_of
+from .ocp.transcription import Guess
 
 
 def robot_of_problem(robot: Robot, cost: Cost, dt: float) -> Robot:
@@ -28,8 +29,4 @@ def with_carried(model: Robot, guess: Guess, parameters: Parameters, dt: float) 
     model : see `robot_of_problem`. guess : with or without them.
     parameters : of the problem; its first state has them. dt : s, of a step.
     """
-    if isinstance(model, ProgressRobot):
-        return with_progress(model, guess, parameters, float(parameters.initial[-1]), dt)
-    if isinstance(model, CommandRobot):
-        return with_command(model, guess, parameters.initial[len(model.robot.states) :])
-    return guess
+    return model.filled(guess, parameters, dt) if isinstance(model, ExtendedRobot) else guess
