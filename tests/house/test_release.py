@@ -8,6 +8,7 @@ import pytest
 from trove_classifiers import classifiers
 
 import wideberth
+from wideberth.tests.house.test_packages import FOLDERS, PROJECTS
 from wideberth.tests.house.test_packaging import ROOT, SETTINGS
 
 PROJECT = SETTINGS["project"]
@@ -53,12 +54,24 @@ def test_least_python_is_the_first_that_the_classifiers_name() -> None:
     assert PROJECT["requires-python"] == f">={named[0]}" and len(named) >= 3
 
 
-def test_every_licence_in_the_package_is_a_licence_file() -> None:
+def test_every_licence_in_a_package_is_a_licence_file() -> None:
     rooms = {name.split(".")[1] for name in SETTINGS["tool"]["setuptools"]["packages"][1:]}
-    texts = {path for room in rooms for path in (ROOT / room).rglob("*.txt")
+    texts = licences(ROOT, [ROOT / room for room in rooms], PROJECT["license-files"])
+    for name, folder in FOLDERS.items():
+        patterns = PROJECTS[name]["project"]["license-files"]
+        texts |= licences(folder, [folder / "src"], patterns)
+    assert texts
+
+
+def licences(top: Path, folders: list[Path], patterns: list[str]) -> set[Path]:
+    """Return the licences of others in folders; the distribution at ``top`` must list them."""
+    texts = {path for folder in folders for path in folder.rglob("*.txt")
              if re.search(r"licen[cs]e|MIT|BSD|Apache", path.name)}  # fmt: skip
-    named = {path for pattern in PROJECT["license-files"] for path in ROOT.glob(pattern)}
-    assert texts and named == {ROOT / "LICENSE", *texts}
+    assert {path for pattern in patterns for path in top.glob(pattern)} == {
+        top / "LICENSE",
+        *texts,
+    }
+    return texts
 
 
 LINKS = re.findall(r"\]\(([^)\s]+)\)", read("README.md"))

@@ -5,4 +5,4 @@ from wideberth.tests.shared.plugin import LONG
 
 
 def test_every_file_that_runs_first_exists() -> None:
-    assert [name for name in LONG if not (ROOT / "tests" / name).is_file()] == []
+    assert [name for name in LONG if not (ROOT / name).is_file()] == []

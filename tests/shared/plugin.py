@@ -22,23 +22,23 @@ again, and of a page of memory."""
 NAV2 = TESTS.parent / "packages" / "nav2" / "tests" / "data"
 BENCHMARKS = TESTS.parent / "benchmarks"
 LONG = (
-    "framework/mpc/test_three_dimensions.py",
-    "benchmarks/test_benchmarks.py",
-    "regions/test_regions_laws.py",
-    "predictors/test_predictors.py",
-    "framework/mpc/test_walls_closed_loop.py",
-    "experiments/test_closed_loop_experiments.py",
-    "experiments/test_cascade_study.py",
-    "metrics/test_region_risk_3d.py",
-    "regions/test_regions_contract.py",
-    "framework/plugins/test_saved_fitted.py",
-    "solvers/test_riccati_property.py",
-    "experiments/test_runner_killed.py",
-    "experiments/test_cluster.py",
-    "framework/mpc/test_in_contact.py",
-    "framework/mpc/test_unusable_detections.py",
-    "framework/mpc/test_end_of_the_path.py",
-    "regions/test_static_regions.py",
+    "tests/framework/mpc/test_three_dimensions.py",
+    "tests/benchmarks/test_benchmarks.py",
+    "tests/regions/test_regions_laws.py",
+    "tests/predictors/test_predictors.py",
+    "tests/framework/mpc/test_walls_closed_loop.py",
+    "tests/experiments/test_closed_loop_experiments.py",
+    "packages/perception/tests/test_cascade_study.py",
+    "tests/metrics/test_region_risk_3d.py",
+    "tests/regions/test_regions_contract.py",
+    "tests/framework/plugins/test_saved_fitted.py",
+    "tests/solvers/test_riccati_property.py",
+    "tests/experiments/test_runner_killed.py",
+    "tests/experiments/test_cluster.py",
+    "tests/framework/mpc/test_in_contact.py",
+    "tests/framework/mpc/test_unusable_detections.py",
+    "tests/framework/mpc/test_end_of_the_path.py",
+    "tests/regions/test_static_regions.py",
 )
 """Files that take longest, and run first: workers that take a file at a time end together."""
 
@@ -81,7 +81,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave slow tests out unless they are asked for, as in ``-m slow``; order the others."""
-    rank = {TESTS / name: place for place, name in enumerate(LONG)}
+    rank = {TESTS.parent / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: rank.get(item.path, len(LONG)))
     if "slow" not in str(config.getoption("markexpr")):
         for item in items:
