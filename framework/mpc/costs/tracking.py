@@ -12,8 +12,8 @@ from .base import Cost, Moment, Weights, effort, speed_error
 
 
 @dataclass(frozen=True)
-class TimedTracking(Cost):
-    """Track points that move along the path at the reference speed; `Tracking` has the terms.
+class TimedTracking:
+    """Methods of both costs whose points move along the path at the reference speed.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class TimedTracking(Cost):
 
 @final
 @dataclass(frozen=True)
-class Tracking(TimedTracking):
+class Tracking(TimedTracking, Cost):
     """Track points that leave the robot's place on the path at the reference speed.
 
     ::
