@@ -8,7 +8,9 @@ import pytest
 from trove_classifiers import classifiers
 
 import wideberth
+from wideberth.tests.house.test_imports import BESIDE
 from wideberth.tests.house.test_packaging import ROOT, SETTINGS
+from wideberth.tests.house.test_pages import FILES
 
 PROJECT = SETTINGS["project"]
 REPOSITORY = "https://github.com/wideberth/wideberth"
@@ -61,16 +63,19 @@ def test_every_licence_in_the_package_is_a_licence_file() -> None:
     assert texts and named == {ROOT / "LICENSE", *texts}
 
 
-LINKS = re.findall(r"\]\(([^)\s]+)\)", read("README.md"))
+READMES = ["README.md", *(f"packages/{name}/README.md" for name in BESIDE)]
+LINKS = {name: re.findall(r"\]\(([^)\s]+)\)", read(name)) for name in READMES}
+EVERY_LINK = sorted({link for links in LINKS.values() for link in links if link[0] != "#"})
 
 
-def test_the_readme_has_no_link_that_an_index_breaks() -> None:
-    assert len(LINKS) > 30
-    assert [link for link in LINKS if not link.startswith(("https://", "#"))] == []
+@pytest.mark.parametrize("name", READMES)
+def test_a_readme_has_no_link_that_an_index_breaks(name: str) -> None:
+    assert len(LINKS[name]) >= (30 if name == "README.md" else 2)
+    assert [link for link in LINKS[name] if not link.startswith(("https://", "#"))] == []
 
 
-@pytest.mark.parametrize("link", [link for link in LINKS if not link.startswith("#")])
-def test_a_link_of_the_readme_leads_to_what_is_here(
+@pytest.mark.parametrize("link", EVERY_LINK)
+def test_a_link_of_a_readme_leads_to_what_is_here(
     link: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = link.partition("#")[0].rstrip("/")
@@ -96,7 +101,7 @@ def pages_of_the_site() -> set[str]:
     from _site.repository import document  # type: ignore[import-not-found]
 
     files = [Path("docs/tutorials"), Path("docs/gallery")]
-    files += [path.relative_to(ROOT) for path in (ROOT / "docs").glob("*.md")]
+    files += [path.relative_to(ROOT) for path in FILES if path.parent.name == "docs"]
     return {f"{document(file)}.html" for file in files}
 
 
