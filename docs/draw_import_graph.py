@@ -286,7 +286,7 @@ def draw(imports: Edges, file: Path) -> None:
             box = (left / width, (top - down) / figure.get_figheight())
             size = (across / width, down / figure.get_figheight())
             axes = figure.add_axes((*box, *size))
-            panel(axes, name or "rooms", drawings[name])
+            panel(axes, name or "rooms and packages", drawings[name])
             for above, below in found[name][1]:
                 mark_circle(axes, drawings[name], above, below)
             left += across

@@ -2,13 +2,14 @@
 
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 from trove_classifiers import classifiers
 
 import wideberth
-from wideberth.tests.house.test_imports import BESIDE
+from wideberth.tests.house.test_imports import BESIDE, CORE
 from wideberth.tests.house.test_packaging import ROOT, SETTINGS
 from wideberth.tests.house.test_pages import FILES
 
@@ -55,12 +56,16 @@ def test_least_python_is_the_first_that_the_classifiers_name() -> None:
     assert PROJECT["requires-python"] == f">={named[0]}" and len(named) >= 3
 
 
-def test_every_licence_in_the_package_is_a_licence_file() -> None:
-    rooms = {name.split(".")[1] for name in SETTINGS["tool"]["setuptools"]["packages"][1:]}
-    texts = {path for room in rooms for path in (ROOT / room).rglob("*.txt")
+@pytest.mark.parametrize("package", ["", *BESIDE])
+def test_every_licence_in_a_package_is_a_licence_file(package: str) -> None:
+    home = ROOT / "packages" / package if package else ROOT
+    project = tomllib.loads((home / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    folders = [home / "src"] if package else [ROOT / room for room in CORE]
+    texts = {path for folder in folders for path in folder.rglob("*.txt")
              if re.search(r"licen[cs]e|MIT|BSD|Apache", path.name)}  # fmt: skip
-    named = {path for pattern in PROJECT["license-files"] for path in ROOT.glob(pattern)}
-    assert texts and named == {ROOT / "LICENSE", *texts}
+    named = {path for pattern in project["license-files"] for path in home.glob(pattern)}
+    assert named == {home / "LICENSE", *texts}
+    assert bool(texts) == (package == "arenas")  # data of DynaBARN
 
 
 READMES = ["README.md", *(f"packages/{name}/README.md" for name in BESIDE)]
