@@ -157,8 +157,8 @@ def understood(words: list[str]) -> None:
     if words[0] == "wideberth":
         wideberth(words[1:])
     elif words[0] == "make" and words[1] != "-C":
-        targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
-        assert words[1] in targets, words
+        targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        assert words[1] in [*targets, *(f"test-{name}" for name in BESIDE)], words
     elif words[0] == "pip":
         for folder, extra in re.findall(r"(\S*)\[([\w,-]+)\]", " ".join(words)):
             place = f"packages/{folder.partition('packages/')[2]}" if "packages/" in folder else ""
