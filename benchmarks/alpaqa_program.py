@@ -50,7 +50,7 @@ MEMORY = 30
 def missing() -> str:
     """Say what alpaqa lacks here; empty where it can take part."""
     if find_spec("alpaqa") is None:
-        return "not installed (the extra `bench`)"
+        return "not installed (dependency group `bench`)"
     lacking = [name for name in ("cc", "cmake") if shutil.which(name) is None]
     return f"it compiles its problem, and there is no {lacking[0]}" if lacking else ""
 

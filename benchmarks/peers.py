@@ -29,7 +29,7 @@ def peers(tolerance: float) -> dict[str, Solver]:
 
 def missing() -> dict[str, str]:
     """Return why each peer that is left out is left out, by name."""
-    do_mpc = "" if find_spec("do_mpc") else "not installed (the extra `bench`)"
+    do_mpc = "" if find_spec("do_mpc") else "not installed (dependency group `bench`)"
     found = {
         "do-mpc": do_mpc, "acados": acados_program.missing(), "alpaqa": alpaqa_program.missing()
     }  # fmt: skip

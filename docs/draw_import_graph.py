@@ -2,7 +2,7 @@
 
 The script parses the files and imports none of them. Imports inside functions and below ``if
 TYPE_CHECKING`` count; the ``__init__`` of a package, which repeats names for users, does not. A
-panel shows one level of the tree: the rooms, and the groups within a room that has groups. An
+panel shows one level of the tree: the rooms with the packages, and the groups within a room. An
 arrow leads from what imports down to what it imports. An arrow that follows from a chain of
 others is left out.
 """
@@ -31,18 +31,24 @@ Edges = dict[str, set[str]]
 
 
 def modules(root: Path = ROOT) -> dict[str, Path]:
-    """Return every module of the rooms, named by its path without the suffix."""
-    files = (file for room in ROOMS for file in sorted((root / room).rglob("*.py")))
-    return {str(file.relative_to(root).with_suffix("")): file for file in files}
+    """Return every module of the rooms and packages, named by its path without the suffix."""
+    places = [(root, root / room) for room in ROOMS]
+    places += [(place.parent, place) for place in sorted(root.glob("packages/*/src/wideberth_*"))]
+    return {
+        str(file.relative_to(base).with_suffix("")): file
+        for base, place in places
+        for file in sorted(place.rglob("*.py"))
+    }
 
 
 def imported(name: str, known: dict[str, Path]) -> Iterator[str]:
     """Yield the modules among the known ones that a module imports."""
     folder = Path(name).parent.parts
     for node in ast.walk(ast.parse(known[name].read_text(encoding="utf-8"))):
-        if not isinstance(node, ast.ImportFrom) or not node.level:
+        if not isinstance(node, ast.ImportFrom):
             continue
-        base = [*folder[: len(folder) + 1 - node.level], *(node.module or "").split(".")]
+        above = folder[: len(folder) + 1 - node.level] if node.level else ()
+        base = [*above, *(node.module or "").removeprefix("wideberth.").split(".")]
         source = "/".join(part for part in base if part)
         for alias in node.names:
             for candidate in (f"{source}/{alias.name}", source, f"{source}/__init__"):
@@ -280,7 +286,7 @@ def draw(imports: Edges, file: Path) -> None:
             box = (left / width, (top - down) / figure.get_figheight())
             size = (across / width, down / figure.get_figheight())
             axes = figure.add_axes((*box, *size))
-            panel(axes, name or "rooms", drawings[name])
+            panel(axes, name or "rooms and packages", drawings[name])
             for above, below in found[name][1]:
                 mark_circle(axes, drawings[name], above, below)
             left += across

@@ -41,6 +41,8 @@ def document(file: Path) -> str | None:
         return f"auto/{file.parent.name}/{file.stem}"
     if file.parts[0] == "docs" and file.suffix == ".md":
         return file.relative_to("docs").with_suffix("").as_posix()
+    if file.match("packages/*/docs/*.md"):
+        return f"auto/packages/{file.stem}"
     return f"auto/repository/{file.with_suffix('').as_posix()}"
 
 
@@ -81,7 +83,7 @@ def files_linked(pages: Iterable[Path]) -> set[Path]:
         for match in LINK.finditer(page.read_text(encoding="utf-8")):
             file = Path(os.path.normpath(page.parent.relative_to(ROOT) / match["target"]))
             name = document(file)
-            if name and name.startswith("auto/repository/"):
+            if name and name.startswith(("auto/repository/", "auto/packages/")):
                 found.add(file)
     return found
 

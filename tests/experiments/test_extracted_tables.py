@@ -224,7 +224,7 @@ def test_without_an_error_there_are_four_digits() -> None:
 )
 def test_markdown_shows_a_name_as_it_is(name: str) -> None:
     """Against another library: the table's cell is read back as the plain text of the name."""
-    markdown = pytest.importorskip("markdown_it", reason="renders Markdown, of the extra docs")
+    markdown = pytest.importorskip("markdown_it", reason="renders Markdown, of the group docs")
     page = markdown.MarkdownIt("commonmark").enable(["table", "strikethrough"])
     html = page.render(markdown_text(Extract([{"controller": name, "x": 1.0}])))
     cell = html.split("<td")[1].split(">", 1)[1].split("</td>")[0]

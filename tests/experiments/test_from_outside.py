@@ -27,7 +27,7 @@ OF_PLANS = {
     "lowered_successors", "between_share", "between_depth",
 }  # fmt: skip
 """Columns about a controller's plans, which who drives from outside keeps."""
-PHYSICS = pytest.mark.skipif(not find_spec("mujoco"), reason="the extra `physics` is missing")
+PHYSICS = pytest.mark.skipif(not find_spec("mujoco"), reason="the extra `perception` is missing")
 SHORT = "settings.nominal={history: 0.0, time_limit: 12}"
 
 

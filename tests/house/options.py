@@ -307,6 +307,6 @@ def set_somewhere() -> set[Option]:
     python += files("docs/**/*.py", "examples/**/*.py")
     for path in (path for path in python if "testing" not in path.parts):
         everything |= {*set_in_python(parsed(path))}
-    for path in files("*.md", "docs/**/*.md"):
+    for path in files("*.md", "docs/**/*.md", "packages/*/docs/*.md"):
         everything |= {*set_on_page(path.read_text(encoding="utf-8"))}
     return everything

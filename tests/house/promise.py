@@ -37,10 +37,9 @@ REST = "further"
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
 ALSO = (
     "wideberth.framework.mpc.diagnosis.solve_record:SolveRecord",
-    "wideberth_perception.state_estimator:StateEstimator",
     "wideberth.simulation.log.episode_log:Episode",
 )
-"""What promised methods return, and an interface that the reference lacks."""
+"""What promised methods return."""
 OWN = {"Planner": ["explain"]}
 """Plug-in -> its methods beside those of its interface."""
 LEARNT = ("fitted", "start", "state")

@@ -24,9 +24,13 @@ from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse, read_config
 from wideberth.tests.helpers import nav2_params
+from wideberth.tests.house.test_imports import BESIDE
 
 ROOT = Path(__file__).resolve().parents[2]
-FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+FILES = [
+    ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "packages").glob("*/docs/*.md")), *sorted((ROOT / "packages").glob("*/*.md")),
+]  # fmt: skip
 PAGES = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
 WITHOUT = {"docs/index.md", "docs/guides.md", "docs/glossary.md"}  # lists of pages and of words
 TESTED_ELSEWHERE = {"README.md", "docs/write-your-own.md"}  # test_readme.py
@@ -81,10 +85,22 @@ def test_a_page_has_examples_in_languages_that_are_checked() -> None:
             assert language in known or language.startswith("{"), f"{page}: {language}"
 
 
+@pytest.mark.parametrize("name", BESIDE)
+def test_the_page_of_a_package_begins_with_its_extra_and_a_command(name: str) -> None:
+    """A release tries the commands of its README, and the page is linked from both lists."""
+    page = f"packages/{name}/docs/{name}.md"
+    first = blocks(page, "sh")[0]
+    assert PAGES[page].partition("```")[0].count("\n\n") == 2  # title and a paragraph
+    assert first.startswith(f"pip install 'wideberth[{name}]'\nwideberth ")
+    assert blocks(f"packages/{name}/README.md", "sh") == [first]
+    assert f"/auto/packages/{name}.html)" in PAGES[f"packages/{name}/README.md"]
+    assert f"](../{page})" in PAGES["docs/guides.md"]
+
+
 @pytest.mark.parametrize("page", sorted(set(having("python")) - TESTED_ELSEWHERE))
 def test_python_on_a_page_runs(page: str, folder: Path) -> None:
     needed = {"docs/gymnasium.md": "gymnasium", "docs/results.md": "pandas"}
-    needed |= {"docs/physics.md": "mujoco", "docs/ros.md": "rosbags"}
+    needed |= {"docs/physics.md": "mujoco", "packages/ros/docs/ros.md": "rosbags"}
     needed |= {"docs/recordings.md": "pyarrow"}
     if library := needed.get(page):
         pytest.importorskip(library)
@@ -141,8 +157,8 @@ def understood(words: list[str]) -> None:
     if words[0] == "wideberth":
         wideberth(words[1:])
     elif words[0] == "make" and words[1] != "-C":
-        targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
-        assert words[1] in targets, words
+        targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        assert words[1] in [*targets, *(f"test-{name}" for name in BESIDE)], words
     elif words[0] == "pip":
         for folder, extra in re.findall(r"(\S*)\[([\w,-]+)\]", " ".join(words)):
             place = f"packages/{folder.partition('packages/')[2]}" if "packages/" in folder else ""

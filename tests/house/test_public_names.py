@@ -65,6 +65,7 @@ SHOWN = sorted(
     for pattern in (
         "README.md",
         "docs/*.md",
+        "packages/*/docs/*.md",
         "docs/tutorials/*.py",
         "docs/gallery/*.py",
         "examples/**/*.py",

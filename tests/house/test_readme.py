@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from wideberth.framework.plugins import registry
+from wideberth.tests.house.test_imports import CORE
+from wideberth.tests.house.test_pages import FILES
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -210,18 +212,15 @@ def test_a_study_is_written_as_the_page_says(tmp_path: Path) -> None:
 
 
 def test_links_lead_somewhere() -> None:
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
-    for page in pages:
+    for page in {*ROOT.glob("*.md"), *FILES}:
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 def test_files_and_modules_that_pages_name_exist() -> None:
     """Paths such as framework/region.py, and names such as wideberth.framework.testing."""
-    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
-    rooms = "framework|predictors|regions|robots|controllers|perception|routes|simulation"
-    rooms += "|experiments"
-    for page in pages:
+    rooms = "|".join(CORE)
+    for page in FILES:
         text = page.read_text(encoding="utf-8")
         for name in re.findall(rf"`((?:{rooms}|benchmarks|examples|tests|docs)/[\w./-]*)`", text):
             made = name.startswith("docs/_build/")  # by `make docs`

@@ -2,14 +2,16 @@
 
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 from trove_classifiers import classifiers
 
 import wideberth
-from wideberth.tests.house.test_packages import FOLDERS, PROJECTS
+from wideberth.tests.house.test_imports import BESIDE, CORE
 from wideberth.tests.house.test_packaging import ROOT, SETTINGS
+from wideberth.tests.house.test_pages import FILES
 
 PROJECT = SETTINGS["project"]
 REPOSITORY = "https://github.com/wideberth/wideberth"
@@ -54,36 +56,31 @@ def test_least_python_is_the_first_that_the_classifiers_name() -> None:
     assert PROJECT["requires-python"] == f">={named[0]}" and len(named) >= 3
 
 
-def test_every_licence_in_a_package_is_a_licence_file() -> None:
-    rooms = {name.split(".")[1] for name in SETTINGS["tool"]["setuptools"]["packages"][1:]}
-    texts = licences(ROOT, [ROOT / room for room in rooms], PROJECT["license-files"])
-    for name, folder in FOLDERS.items():
-        patterns = PROJECTS[name]["project"]["license-files"]
-        texts |= licences(folder, [folder / "src"], patterns)
-    assert texts
-
-
-def licences(top: Path, folders: list[Path], patterns: list[str]) -> set[Path]:
-    """Return the licences of others in folders; the distribution at ``top`` must list them."""
+@pytest.mark.parametrize("package", ["", *BESIDE])
+def test_every_licence_in_a_package_is_a_licence_file(package: str) -> None:
+    home = ROOT / "packages" / package if package else ROOT
+    project = tomllib.loads((home / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    folders = [home / "src"] if package else [ROOT / room for room in CORE]
     texts = {path for folder in folders for path in folder.rglob("*.txt")
              if re.search(r"licen[cs]e|MIT|BSD|Apache", path.name)}  # fmt: skip
-    assert {path for pattern in patterns for path in top.glob(pattern)} == {
-        top / "LICENSE",
-        *texts,
-    }
-    return texts
+    named = {path for pattern in project["license-files"] for path in home.glob(pattern)}
+    assert named == {home / "LICENSE", *texts}
+    assert bool(texts) == (package == "arenas")  # data of DynaBARN
 
 
-LINKS = re.findall(r"\]\(([^)\s]+)\)", read("README.md"))
+READMES = ["README.md", *(f"packages/{name}/README.md" for name in BESIDE)]
+LINKS = {name: re.findall(r"\]\(([^)\s]+)\)", read(name)) for name in READMES}
+EVERY_LINK = sorted({link for links in LINKS.values() for link in links if link[0] != "#"})
 
 
-def test_the_readme_has_no_link_that_an_index_breaks() -> None:
-    assert len(LINKS) > 30
-    assert [link for link in LINKS if not link.startswith(("https://", "#"))] == []
+@pytest.mark.parametrize("name", READMES)
+def test_a_readme_has_no_link_that_an_index_breaks(name: str) -> None:
+    assert len(LINKS[name]) >= (30 if name == "README.md" else 2)
+    assert [link for link in LINKS[name] if not link.startswith(("https://", "#"))] == []
 
 
-@pytest.mark.parametrize("link", [link for link in LINKS if not link.startswith("#")])
-def test_a_link_of_the_readme_leads_to_what_is_here(
+@pytest.mark.parametrize("link", EVERY_LINK)
+def test_a_link_of_a_readme_leads_to_what_is_here(
     link: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = link.partition("#")[0].rstrip("/")
@@ -109,7 +106,7 @@ def pages_of_the_site() -> set[str]:
     from _site.repository import document  # type: ignore[import-not-found]
 
     files = [Path("docs/tutorials"), Path("docs/gallery")]
-    files += [path.relative_to(ROOT) for path in (ROOT / "docs").glob("*.md")]
+    files += [path.relative_to(ROOT) for path in FILES if path.parent.name == "docs"]
     return {f"{document(file)}.html" for file in files}
 
 

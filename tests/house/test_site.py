@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from wideberth import Polygon, Region
+from wideberth.framework.plugins.registry import ROOMS
 from wideberth.regions import MahalanobisEllipse
+from wideberth.tests.house.test_imports import BESIDE
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -76,6 +78,12 @@ def test_every_entry_of_the_reference_has_a_name_and_a_sentence() -> None:
 
     for group in groups():
         assert overview(group) and all(entry.line for entry in group.entries), group.name
+
+
+def test_every_room_of_plug_ins_stands_in_the_reference() -> None:
+    from _site.reference import ROOM_TITLES
+
+    assert {*ROOM_TITLES} == {*ROOMS}
 
 
 def test_inherited_members_are_named_with_their_page() -> None:
@@ -153,6 +161,19 @@ def test_a_link_that_names_a_file_shows_the_title_of_its_page() -> None:
     assert linked(text, Path("docs"), "start") == (
         "See [](scenarios.md), [a planner](choose.md#a-planner) and "
         "[](write-your-own.md#a-scenario)."
+    )
+
+
+def test_pages_of_packages_are_linked_as_those_of_docs() -> None:
+    from _site.repository import files_linked, linked
+
+    place = Path("packages/nav2/docs")
+    text = f"[its page](../{place}/nav2.md#static-worlds)"
+    assert linked(text, Path("docs"), "start") == "[its page](auto/packages/nav2.md#static-worlds)"
+    text = "[start](../../../docs/start.md), [ROS 2](../../ros/docs/ros.md)"
+    assert linked(text, place, "auto/packages/nav2") == "[start](../../start.md), [ROS 2](ros.md)"
+    assert {Path(f"packages/{name}/docs/{name}.md") for name in BESIDE} <= files_linked(
+        [ROOT / "docs" / "guides.md"]
     )
 
 

@@ -51,7 +51,7 @@ def test_nothing_and_nobody() -> None:
 
 
 def test_stone_soup_says_the_same() -> None:
-    reason = "compares with Stone Soup, of the extra bench"
+    reason = "compares with Stone Soup, of the dependency group bench"
     library = pytest.importorskip("stonesoup.metricgenerator.ospametric", reason=reason)
     state = pytest.importorskip("stonesoup.types.state", reason=reason)
     rng = np.random.default_rng(0)

@@ -320,4 +320,5 @@ def test_without_gymnasium_the_message_says_what_to_install(tmp_path: File):
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True
     )
-    assert "MissingLibraryError" in done.stderr and "pip install 'wideberth[gym]'" in done.stderr
+    assert "MissingLibraryError" in done.stderr
+    assert "pip install 'wideberth[learning]'" in done.stderr

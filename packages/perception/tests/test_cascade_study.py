@@ -38,7 +38,7 @@ from wideberth_perception.studies.cascade import (
     sentence,
 )
 
-pytest.importorskip("mujoco", reason="the extra `physics` is not installed")
+pytest.importorskip("mujoco", reason="the extra `perception` is not installed")
 
 NEAR = Crossing()
 

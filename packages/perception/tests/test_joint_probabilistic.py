@@ -11,7 +11,7 @@ from wideberth.metrics.tracking import TrackScores, track_scores
 from wideberth_perception.tracker import Tracker
 from wideberth_perception.tracking.nearest import Nearest
 
-pytest.importorskip("stonesoup", reason="compares with Stone Soup, of the extra bench")
+pytest.importorskip("stonesoup", reason="compares with Stone Soup, of the dependency group bench")
 
 
 def walked(

@@ -219,7 +219,7 @@ def test_an_added_lidar_sees_discs_and_walls_where_they_are_at_each_beam() -> No
     assert met > 10, "beams on the walker"
 
 
-@pytest.mark.skipif(not find_spec("mujoco"), reason="the extra `physics` is missing")
+@pytest.mark.skipif(not find_spec("mujoco"), reason="the extra `perception` is missing")
 def test_scans_of_the_experiment_are_shown_once_each_by_the_clock_of_the_episode() -> None:
     settings = ["settings.nominal={history: 0.0, time_limit: 3}", "cascades.box.rest=1.0"]
     wire = Wire(lambda wire: FORWARD)

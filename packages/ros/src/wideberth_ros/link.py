@@ -89,8 +89,9 @@ def ros(module: str) -> Any:
     except ImportError as error:
         raise WideberthError(
             f"{module} of ROS 2 is not found ({error}); run `source /opt/ros/DISTRIBUTION/"
-            "setup.bash` first, with the Python of that ROS; or install the extra ros; or, "
-            "where the two need different Pythons, see `wideberth node --relay`"
+            "setup.bash` first, with the Python of that ROS; or pip install "
+            "'wideberth-ros[kilted]'; or, where the two need different Pythons, see "
+            "`wideberth node --relay`"
         ) from None
 
 
