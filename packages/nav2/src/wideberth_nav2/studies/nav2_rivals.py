@@ -1,6 +1,6 @@
 """Nav2's controllers in the same situations as our planner, with the same path and view."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -9,6 +9,7 @@ import numpy as np
 
 from wideberth.controllers.steering import top_speed
 from wideberth.controllers.withdrawing import Withdrawing
+from wideberth.experiments import Result, Row, Task, TaskOutcome, reduced
 from wideberth.experiments.engine.closed_loop import (
     EPISODE_CAPTIONS,
     about_first_contact,
@@ -27,16 +28,7 @@ from wideberth.experiments.studies.episode_statistics import (
     with_interval,
 )
 from wideberth.experiments.studies.episodes import SeededStudy, check_shown
-from wideberth.experiments.studies.grid import (
-    Axes,
-    Pictures,
-    Result,
-    Row,
-    Task,
-    TaskOutcome,
-    labelled,
-    reduced,
-)
+from wideberth.experiments.studies.grid import labelled
 from wideberth.framework import Controller, Predictor, Robot, WideberthError
 from wideberth.framework.controller import driving, fresh
 from wideberth.framework.mpc.planner.planner import Planner
@@ -177,7 +169,7 @@ class Nav2Rivals(SeededStudy):
                 )
         check_shown(self.show, self.first_seed, self.seeds)
 
-    def axes(self) -> Axes:
+    def axes(self) -> Mapping[Any, Any]:
         """All places, limits, views and controllers."""
         axes: dict[Any, Any] = {column: getattr(self, name) for column, name in AXES.items()}
         return {**axes, "seed": self.seed_range}
@@ -237,7 +229,7 @@ class Nav2Rivals(SeededStudy):
                 lines.append(line)
         return lines
 
-    def pictures(self, result: Result) -> Pictures:
+    def pictures(self, result: Result) -> Iterator[tuple[str, Any]]:
         """Draw outcomes and times per place, and what Nav2's controllers saw."""
         rows = [_as_compared(row) for row in result.rows]
         lines = [_as_compared(line) for line in self.summary(result.rows)]

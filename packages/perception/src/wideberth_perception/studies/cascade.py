@@ -1,6 +1,6 @@
 """Robots that see for themselves: what sensing, tracking, drift and slip cost, stage by stage."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -11,15 +11,8 @@ from typing import Any, ClassVar, NamedTuple, Self, final
 import numpy as np
 
 from wideberth.controllers.reactive import Reactive
-from wideberth.experiments.drawing.plotting import (
-    ENOUGH,
-    PAGE,
-    few,
-    legend_below,
-    number,
-    style,
-    subplots,
-)
+from wideberth.experiments import Result, Row, Task, TaskOutcome, reduced, subplots
+from wideberth.experiments.drawing.plotting import ENOUGH, PAGE, few, legend_below, number, style
 from wideberth.experiments.engine.closed_loop import (
     EPISODE_CAPTIONS,
     column,
@@ -37,15 +30,6 @@ from wideberth.experiments.studies.episodes import (
     check_shown,
     episode_pictures,
     figure_name,
-)
-from wideberth.experiments.studies.grid import (
-    Axes,
-    Pictures,
-    Result,
-    Row,
-    Task,
-    TaskOutcome,
-    reduced,
 )
 from wideberth.framework import Controller, Robot, WideberthError
 from wideberth.framework.controller import fresh
@@ -221,7 +205,7 @@ class CascadeStudy(SeededStudy):
             found.append(Case(label, **chosen))
         return found
 
-    def axes(self) -> Axes:
+    def axes(self) -> Mapping[Any, Any]:
         """Each case."""
         cases = {case.label: case for case in self.played()}
         return {("case", *AXES): cases, "seed": self.seed_range}
@@ -253,7 +237,7 @@ class CascadeStudy(SeededStudy):
         """One line per case, compared with the case before it or the first."""
         return [line for chain in self._chains(rows) for line in self._lines(chain)]
 
-    def pictures(self, result: Result) -> Pictures:
+    def pictures(self, result: Result) -> Iterator[tuple[str, Any]]:
         """Draw what each case changes, and the views and runs of the shown seeds."""
         chains = [chain for chain in self._chains(result.rows) if len(chain) > 1]
         if chains:
