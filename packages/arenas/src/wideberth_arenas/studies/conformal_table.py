@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from wideberth.experiments import GridStudy, Result, Row, Task, TaskOutcome, subplots
-from wideberth.experiments.drawing.plotting import PAGE, legend_below, style, title
+from wideberth.experiments.drawing.plotting import PAGE, legend_below, style
 from wideberth.experiments.engine.closed_loop import column
 from wideberth.experiments.studies.crowd import TrackFile
 from wideberth.experiments.studies.grid import labelled
@@ -384,7 +384,12 @@ def draw(lines: list[Row]) -> Any:
             high = rate - line["difference"] + line["difference_high"]
             look = style(i, MARKERS)
             panel.plot([share, share], [low, high], "-", color=look["color"], linewidth=0.8)
-            panel.plot(share, rate, **{**look, "linestyle": ""}, label=title(line["contender"]))
+            panel.plot(
+                share,
+                rate,
+                **{**look, "linestyle": ""},
+                label=str(line["contender"]).replace("_", " "),
+            )
         panel.set(xlim=(-0.05, 1.05), xlabel="share of starts that arrive")
         panel.set_ylim(bottom=0.0)
         panel.set_title(f"{labels['set']}: {some[0]['starts']} starts")

@@ -8,7 +8,7 @@ import numpy as np
 
 from wideberth.experiments import GridStudy, Result, Row, Task, TaskOutcome, subplots
 from wideberth.experiments.drawing.plotting import PAGE, legend_below, style
-from wideberth.experiments.engine.closed_loop import column, group
+from wideberth.experiments.engine.closed_loop import column
 from wideberth.experiments.studies.grid import labelled
 from wideberth.framework import WideberthError
 from wideberth.framework.values.arrays import Array, positive
@@ -212,7 +212,8 @@ def _measured(rows: list[Row]) -> dict[tuple[float, float], Driven]:
 def _gains(rows: list[Row], body: str, cone: str) -> tuple[Array, Array, Array, Array]:
     """Return rates, and mean, least and largest gain at each."""
     found = []
-    for (rate,), some in group(_of(rows, body, cone), "rate_rad_s").items():
+    for head, some in labelled(_of(rows, body, cone), "rate_rad_s"):
+        rate = head["rate_rad_s"]
         if rate:
             ends = column(some, "least_rad_s").min(), column(some, "largest_rad_s").max()
             mean = column(some, "yaw_rate_rad_s").mean()
