@@ -1,6 +1,6 @@
 """What everything plugs into: values, interfaces, registry, config; imports no other room."""
 
-from .plugins.lazy import lazy, targets_in
+from .plugins.lazy import lazy
 
 _NAMES = {
     "calibration": "Calibration MomentCalibration fewest_ranks largest moments rank_quantile",
@@ -34,11 +34,8 @@ _NAMES = {
     """,
     "tracking.forecast_sets": "read_forecasts write_forecasts",
     "tracking.identities": "Identities",
-    "tracking.jrdb": "read_jrdb",
     "tracking.recordings": "read_tracks",
     "tracking.resampling": "resampled_tracks",
-    "tracking.thor_magni": "read_thor_magni",
-    "tracking.trajdata_scene": "read_trajdata",
     "tracking.windows": "Windows cut_windows windows_of",
     "values.arrays": "Array BoolArray Scalar",
     "values.beliefs": "Beliefs",
@@ -59,4 +56,4 @@ _NAMES = {
 }
 """Module -> its public names, which are imported on first use."""
 
-__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))
+__getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

@@ -109,16 +109,6 @@ class DrivesRobot(Protocol):
 
 
 @runtime_checkable
-class GivesReason(Protocol):
-    """A controller without a plan that says why it stands still."""
-
-    @property
-    @abstractmethod
-    def reason(self) -> str:
-        """Why the last command was to stand still instead of a decision; empty if it was one."""
-
-
-@runtime_checkable
 class NeedsStaticRegion(Protocol):
     """A controller that keeps clear of polygons by a static region, and ignores them without."""
 

@@ -1,6 +1,6 @@
 """Measures of forecasts, plans and episodes, each defined once."""
 
-from ..framework.plugins.lazy import lazy, targets_in
+from ..framework.plugins.lazy import lazy
 
 _NAMES = {
     "episode": "clearance path_length",
@@ -9,4 +9,4 @@ _NAMES = {
 }
 """Module -> its public names, which are imported on first use."""
 
-__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))
+__getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

@@ -1,6 +1,6 @@
 """Simulation: scenarios, the engine that runs them, what agents sense, logs and measures."""
 
-from ..framework.plugins.lazy import lazy, targets_in
+from ..framework.plugins.lazy import lazy
 
 _NAMES = {
     "crowds.base": "Crowd",
@@ -13,4 +13,4 @@ _NAMES = {
 }
 """Module -> its public names, which are imported on first use."""
 
-__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))
+__getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

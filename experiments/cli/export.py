@@ -114,17 +114,20 @@ def export(
         write_folder(out, in_c(chosen, source, corners, package, path), force=force)
         return source
     sizes = slots_for("obstacles", obstacles), slots_for("polygons", polygons), _room(corners)
-    one = subject(chosen, sizes, source)
-    files = solver_bundle(solver_of(chosen, one)) if solver else bundle(one)
+    if solver:
+        files = solver_bundle(exported_solver(chosen, sizes, source))
+    else:
+        files = bundle(subject(chosen, sizes, source))
     write_folder(out, files, force=force)
     return source
 
 
-def solver_of(planner: Planner, one: Subject) -> ExportedSolver:
-    """Gather what is written of a planner's solver.
+def exported_solver(planner: Planner, sizes: tuple[int, int, int], source: str) -> ExportedSolver:
+    """Gather what is written of a planner's solver; arguments and errors as of `subject`.
 
     The solver is `riccati`, with the planner's settings where it is the planner's own.
     """
+    one = subject(planner, sizes, source)
     settings = planner.solver if isinstance(planner.solver, Riccati) else Riccati()
     aims = tuple(_aim(planner, kind, slots) for kind, slots in zip(
         planner.kinds, one.problem.slots, strict=True

@@ -29,12 +29,6 @@ from .errors import as_user_error
 
 LOG = logging.getLogger("wideberth.experiments")
 
-EPISODE_CAPTIONS = {
-    "run_*": "Where all robots drove, with a mark every 5 s and the closest approach.",
-    "animation_*": "The episode with the plans and the regions that they keep out of.",
-}
-"""Captions of the figures that show one episode each."""
-
 
 def play(
     scenario: Scenario, robot: Robot, controller: Controller, settings: Settings, seed: int

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.config import build, describe
-from ...framework.plugins.file_lock import file_lock
 from ...framework.plugins.io import flush, read_json, write_json, write_text
 from ...framework.plugins.yamlfile import STORED, dump, parse, read_config
 from ...framework.values.errors import WideberthError
+from .file_lock import file_lock
 from .inside import files_inside, inside, is_inside
 from .progress import say
 from .tasks import TASKS, read_task, seal, task_folders

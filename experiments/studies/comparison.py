@@ -11,16 +11,14 @@ from ...metrics.statistics import known_mean
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
-from ..engine.closed_loop import EPISODE_CAPTIONS, check_starts, column, inputs_of, log_name
+from ..engine.closed_loop import check_starts, column, inputs_of, log_name
 from .agility import agile
 from .comparison_figures import CAPTIONS, summary_pictures
 from .episode_statistics import ANSWERS, SOURCES, against, by_controller, condensed
 from .episodes import (
     SeededStudy,
     check_robots,
-    check_shown,
     episode_metric,
-    episode_pictures,
     measured,
 )
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
@@ -61,7 +59,7 @@ class Comparison(SeededStudy):
     captions: ClassVar[Mapping[str, str]] = {
         **CAPTIONS,
         "trends": "Success, time and clearance over the places that the study compares.",
-        **EPISODE_CAPTIONS,
+        **SeededStudy.run_captions,
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
     printed: ClassVar[tuple[str, ...]] = ANSWERS
@@ -84,7 +82,7 @@ class Comparison(SeededStudy):
                 raise WideberthError(
                     f"{name} is {named!r}; the controllers are {sorted(self.controllers)}"
                 )
-        check_shown(self.show, self.first_seed, self.seeds)
+        self.check_shown(self.show)
         check_robots(
             {f"scenarios.{name}": one for name, one in self.scenarios.items()},
             {f"robots.{name}": one for name, one in self.robots.items()},
@@ -151,7 +149,7 @@ class Comparison(SeededStudy):
                 film = task.settings["scenario"] not in filmed
                 filmed.add(task.settings["scenario"])
                 controller = self.controllers[task.settings["controller"]]
-                yield from episode_pictures(name, episode, controller, self.tail, film=film)
+                yield from self.episode_pictures(name, episode, controller, film=film)
 
     def quick(self) -> Self:
         """Play one seed to its end, in the first scenario with the first robot and settings.

@@ -9,7 +9,6 @@ import numpy as np
 from ...framework import Path, WideberthError
 from ...framework.plugins.extensions import function
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.jrdb import odometry_file, read_jrdb
 from ...framework.tracking.recordings import (
     ROBOT_COLUMNS,
     TRACK_COLUMNS,
@@ -23,9 +22,10 @@ from ...framework.tracking.recordings import (
     read_tracks,
     storage_files,
 )
-from ...framework.tracking.thor_magni import is_thor_magni, read_thor_magni
 from ...framework.values.arrays import Array, positive, whole
 from ...simulation.engine.agents import ReplayAgent
+from .jrdb import odometry_file, read_jrdb
+from .thor_magni import is_thor_magni, read_thor_magni
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 Kind: TypeAlias = Literal["auto", "tracks", "robot-log", "thor-magni", "jrdb"]
@@ -73,7 +73,7 @@ class TrackFile:
     radius : m, of a recorded body (0.3 m: a person).
     minimum_samples : samples that a usable track has in a row.
     topic : of a recording of ROS 2; see `read_bag_tracks` of the package that reads them.
-    odometry : of JRDB; see `wideberth.framework.tracking.jrdb.read_jrdb`.
+    odometry : of JRDB; see `wideberth.experiments.studies.jrdb.read_jrdb`.
 
     Raises
     ------

@@ -7,8 +7,8 @@ from typing import ClassVar, Self, final
 from ...framework import Controller
 from ...framework.values.arrays import positive
 from ...simulation.log.episode_log import Episode
-from ..engine.closed_loop import EPISODE_CAPTIONS, condense, group, outcome
-from .episodes import VIEW_CAPTION, OnePlaceStudy, check_shown, episode_pictures, figure_name
+from ..engine.closed_loop import condense, group, outcome
+from .episodes import OnePlaceStudy
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
 
 
@@ -31,8 +31,8 @@ class Encounter(OnePlaceStudy):
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
     captions: ClassVar[Mapping[str, str]] = {
-        **VIEW_CAPTION,
-        **EPISODE_CAPTIONS,
+        **OnePlaceStudy.view_captions,
+        **OnePlaceStudy.run_captions,
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
@@ -47,7 +47,7 @@ class Encounter(OnePlaceStudy):
     def validate(self) -> None:
         """Refuse settings that make no study."""
         positive("view_distance", self.view_distance)
-        check_shown(self.show, self.first_seed, self.seeds)
+        self.check_shown(self.show)
 
     def axes(self) -> Axes:
         """Each planner."""
@@ -79,9 +79,12 @@ class Encounter(OnePlaceStudy):
         for i, (name, controller) in enumerate(self.planners.items()):
             for seed in self.show:
                 episode = Episode.from_bytes(result.read(f"run-{name}-{seed}.npz"))
-                called, film = figure_name(name, seed, self.show), i == 0 and seed == self.show[0]
-                yield from episode_pictures(
-                    called, episode, controller, self.tail, self.view_distance, film
+                called, film = (
+                    self.figure_name(name, seed, self.show),
+                    i == 0 and seed == self.show[0],
+                )
+                yield from self.episode_pictures(
+                    called, episode, controller, self.view_distance, film
                 )
 
     def quick(self) -> Self:

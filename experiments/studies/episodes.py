@@ -19,14 +19,6 @@ from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import about_first_contact, check_starts, inputs_of, outcome, play
 from .grid import GridStudy, Pictures, Task, TaskOutcome
 
-VIEW_CAPTION = {
-    "views_*": (
-        "What each robot planned and kept out of, when the robots came near: a planned "
-        "position and the region of its step have the same shade."
-    ),
-}
-"""Caption of the views of two robots."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class SeededStudy(GridStudy):
@@ -40,6 +32,18 @@ class SeededStudy(GridStudy):
     """
 
     growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    run_captions: ClassVar[Mapping[str, str]] = {
+        "run_*": "Where all robots drove, with a mark every 5 s and the closest approach.",
+        "animation_*": "The episode with the plans and the regions that they keep out of.",
+    }
+    """Captions of the figures that show one episode each."""
+    view_captions: ClassVar[Mapping[str, str]] = {
+        "views_*": (
+            "What each robot planned and kept out of, when the robots came near: a planned "
+            "position and the region of its step have the same shade."
+        ),
+    }
+    """Caption of the views of two robots."""
 
     seeds: int = 20
     first_seed: int = 0
@@ -64,6 +68,63 @@ class SeededStudy(GridStudy):
     def seed_range(self) -> range:
         """The seeds."""
         return range(self.first_seed, self.first_seed + self.seeds)
+
+    @final
+    def check_shown(self, show: Sequence[int]) -> None:
+        """Refuse to show an episode that is not played, or one twice.
+
+        Parameters
+        ----------
+        show : seeds of the episodes that are drawn.
+
+        Raises
+        ------
+        WideberthError : a seed outside these, or one that stands twice.
+        """
+        first, seeds = self.first_seed, self.seeds
+        if any(not first <= seed < first + seeds for seed in show):
+            raise WideberthError(
+                f"show is {[*show]}; wanted seeds in [{first}, {first + seeds}), as in "
+                f"show=[{first}]"
+            )
+        if len(set(show)) < len(show):
+            raise WideberthError(f"show is {[*show]}; wanted each seed once")
+
+    @staticmethod
+    def figure_name(name: str, seed: int, show: Sequence[int]) -> str:
+        """Name the figure of one episode: by its seed too where several are shown."""
+        return name if len(show) == 1 else f"{name}_{seed}"
+
+    @final
+    def episode_pictures(
+        self,
+        name: str,
+        episode: Episode,
+        controller: Controller,
+        views: float | None = None,
+        film: bool = False,
+    ) -> Pictures:
+        """Yield the pictures of one episode: the views of two robots, the run, and the film.
+
+        Parameters
+        ----------
+        name : ends the names of the pictures.
+        controller : of the robots; the regions of a planner are drawn.
+        views : m between the robots at the moment whose plans are drawn; None draws none.
+        film : whether the episode is animated.
+        """
+        from ..drawing.animation import animate
+        from ..drawing.episodes import draw_run, draw_views
+
+        planner = planner_behind(controller)
+        if views is not None and len(episode.robots) == 2:
+            yield (
+                f"views_{name}",
+                draw_views(episode, distance=views, tail=self.tail, planner=planner),
+            )
+        yield f"run_{name}", draw_run(episode)
+        if film:
+            yield f"animation_{name}.gif", animate(episode, tail=self.tail, planner=planner)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,60 +198,6 @@ class PlacesStudy(ClosedLoopStudy):
     def places(self) -> Mapping[str, Scenario]:
         """Return the scenarios."""
         return self.scenarios
-
-
-def check_shown(show: Sequence[int], first: int, seeds: int) -> None:
-    """Refuse to show an episode that is not played, or one twice.
-
-    Parameters
-    ----------
-    show : seeds of the episodes that are drawn.
-    first, seeds : the seeds that are played begin with ``first``; ``seeds`` is their number.
-
-    Raises
-    ------
-    WideberthError : a seed outside these, or one that stands twice.
-    """
-    if any(not first <= seed < first + seeds for seed in show):
-        raise WideberthError(
-            f"show is {[*show]}; wanted seeds in [{first}, {first + seeds}), as in show=[{first}]"
-        )
-    if len(set(show)) < len(show):
-        raise WideberthError(f"show is {[*show]}; wanted each seed once")
-
-
-def figure_name(name: str, seed: int, show: Sequence[int]) -> str:
-    """Name the figure of one episode: by its seed too where several are shown."""
-    return name if len(show) == 1 else f"{name}_{seed}"
-
-
-def episode_pictures(
-    name: str,
-    episode: Episode,
-    controller: Controller,
-    tail: float,
-    views: float | None = None,
-    film: bool = False,
-) -> Pictures:
-    """Yield the pictures of one episode: the views of two robots, the run, and the film.
-
-    Parameters
-    ----------
-    name : ends the names of the pictures.
-    controller : of the robots; the regions of a planner are drawn.
-    tail : 1 - content of the drawn forecasts.
-    views : m between the robots at the moment whose plans are drawn; None draws none.
-    film : whether the episode is animated.
-    """
-    from ..drawing.animation import animate
-    from ..drawing.episodes import draw_run, draw_views
-
-    planner = planner_behind(controller)
-    if views is not None and len(episode.robots) == 2:
-        yield f"views_{name}", draw_views(episode, distance=views, tail=tail, planner=planner)
-    yield f"run_{name}", draw_run(episode)
-    if film:
-        yield f"animation_{name}.gif", animate(episode, tail=tail, planner=planner)
 
 
 def measured(

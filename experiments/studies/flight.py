@@ -13,7 +13,7 @@ from ...simulation.log.episode_log import Episode
 from ..drawing.plotting import PAGE
 from ..drawing.strips import strips
 from ..engine.closed_loop import column, condense, group, outcome, pick
-from .episodes import OnePlaceStudy, check_shown, figure_name
+from .episodes import OnePlaceStudy
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .variants import planner_of
 
@@ -79,7 +79,7 @@ class Flight(OnePlaceStudy):
     def validate(self) -> None:
         """Refuse settings that make no study."""
         planner_of(self.planner)
-        check_shown(self.show, self.first_seed, self.seeds)
+        self.check_shown(self.show)
         if self.robot.dimension != 3:
             raise WideberthError(
                 f"robot moves in {self.robot.dimension} dimensions; a flight has three"
@@ -140,7 +140,7 @@ class Flight(OnePlaceStudy):
             for seed in self.show:
                 data = result.read(f"flight-{rule}-{next(iter(self.regions))}-{seed}.npz")
                 flight = draw_flight(Episode.from_bytes(data), tail=self.tail, lead=LEAD)
-                yield f"flight_{figure_name(rule, seed, self.show)}", flight
+                yield f"flight_{self.figure_name(rule, seed, self.show)}", flight
 
     def quick(self) -> Self:
         """One seed, two regions, the last predictor."""

@@ -8,10 +8,10 @@ from typing import Literal, final
 import numpy as np
 
 from ...framework import Tracks, WideberthError
-from ...framework.tracking.jrdb import ROBOT_FRAME
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
 from .crowd import DATA, SHIPPED, Kind, TrackFile, seconds
+from .jrdb import ROBOT_FRAME
 
 
 @final
@@ -64,7 +64,7 @@ class PredictionData:
     radius : m, of an obstacle.
     noise : m, standard deviation of a recorded position; by default each recording's own,
         estimated from all of it (`Recording.noise`).
-    odometry : of JRDB, a folder; see `wideberth.framework.tracking.jrdb.read_jrdb`.
+    odometry : of JRDB, a folder; see `wideberth.experiments.studies.jrdb.read_jrdb`.
 
     Raises
     ------

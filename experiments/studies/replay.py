@@ -18,10 +18,10 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ..drawing.plotting import PAGE, subplots
 from ..drawing.strips import strip, strip_legend
-from ..engine.closed_loop import EPISODE_CAPTIONS, column, condense, outcome, pick
+from ..engine.closed_loop import column, condense, outcome, pick
 from ..engine.progress import say
 from .crowd import SHIPPED, CrowdInstant, TrackFile, counted_reasons, draw_situation
-from .episodes import SeededStudy, check_shown, episode_pictures, figure_name
+from .episodes import SeededStudy
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .prediction_data import pace
 
@@ -84,7 +84,7 @@ class Replay(SeededStudy):
             "Clearance and time of every episode by planner: below the line at 0 the robot "
             "touched a person."
         ),
-        **EPISODE_CAPTIONS,
+        **SeededStudy.run_captions,
     }
     headline: ClassVar[tuple[str, ...]] = ("drove_into", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
@@ -104,7 +104,7 @@ class Replay(SeededStudy):
         """Refuse settings that make no study."""
         positive("reach", self.reach)
         positive("speed", self.speed)
-        check_shown(self.show, self.first_seed, self.seeds)
+        self.check_shown(self.show)
         if self.robot.dimension != 2:
             raise WideberthError(
                 f"robot moves in {self.robot.dimension} dimensions; recordings are plane"
@@ -201,8 +201,11 @@ class Replay(SeededStudy):
         for i, (name, controller) in enumerate(self.planners.items()):
             for seed in self.show:
                 episode = Episode.from_bytes(result.read(f"replay-{name}-{seed}.npz"))
-                called, film = figure_name(name, seed, self.show), i == 0 and seed == self.show[0]
-                yield from episode_pictures(called, episode, controller, self.tail, film=film)
+                called, film = (
+                    self.figure_name(name, seed, self.show),
+                    i == 0 and seed == self.show[0],
+                )
+                yield from self.episode_pictures(called, episode, controller, film=film)
 
     def quick(self) -> Self:
         """One episode of each planner."""

@@ -18,7 +18,7 @@ PACKAGES: dict[str, dict[str, str]] = {}
 
 
 def lazy(
-    package: str, targets: Iterable[str]
+    package: str, targets: Iterable[str] | Mapping[str, str]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package.
 
@@ -26,8 +26,10 @@ def lazy(
     ----------
     package : its ``__name__``.
     targets : "module:Name" of each public name; or "module" of a package inside, which
-        ``import *`` leaves out.
+        ``import *`` leaves out. A mapping has modules inside the package, and their names.
     """
+    if isinstance(targets, Mapping):
+        targets = targets_in(package, targets)
     table = {target.replace(":", ".").rpartition(".")[2]: target for target in targets}
     PACKAGES[package] = table
     public = sorted(name for name, target in table.items() if ":" in target)

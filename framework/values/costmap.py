@@ -9,7 +9,8 @@ import numpy as np
 from .arrays import Array, BoolArray, whole
 from .occupancy_grid import OCCUPIED_CELL, UNKNOWN_CELL, CellGrid, OccupancyGrid
 
-FREE_SPACE, MAX_NON_OBSTACLE, INSCRIBED, LETHAL, NO_INFORMATION = 0, 252, 253, 254, 255
+COSTS = 0, 252, 253, 254, 255
+FREE_SPACE, MAX_NON_OBSTACLE, INSCRIBED, LETHAL, NO_INFORMATION = COSTS
 """Costs as in Nav2: nothing near; the largest where a robot may be; an obstacle within the
 robot's inscribed circle; an obstacle in the cell itself; not observed."""
 

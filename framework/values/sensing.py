@@ -111,6 +111,38 @@ class PlacedScan:
     def __init__(self, scan: Scan, pose: ArrayLike) -> None:
         settle(self, scan=scan, pose=checked("placed_scan.pose", pose, (3,)))
 
+    def beams(self, poses: Array) -> "Beams":
+        """Place each beam by the pose of its own instant, which takes the robot's motion out.
+
+        o = p + Rot(psi) m,   phi = psi + psi_m + bearing,   end = o + r (cos phi, sin phi)
+
+        with the mount m, psi_m and the range r of each of the B beams.
+
+        Parameters
+        ----------
+        poses : (B, 3), (p, psi), see `Detector.detect`. A pose that is not finite loses its beam,
+            as does one beyond `FARTHEST`, in m or rad; so do bearings and a mount beyond it.
+
+        Raises
+        ------
+        WideberthError : not one pose per beam.
+        """
+        poses = checked(
+            "poses", poses, (len(self.times), 3), finite=False, reason=", one per beam"
+        )
+        mount = np.broadcast_to(self.mount, poses.shape)
+        numbers = np.column_stack([poses, mount, self.bearings])
+        numbers[~(np.abs(numbers) <= FARTHEST).all(axis=1)] = np.nan  # NaN is not either
+        x, y, heading, along, aside, turn, bearings = numbers.T
+        cosine, sine = np.cos(heading), np.sin(heading)
+        shift = np.stack([cosine * along - sine * aside, sine * along + cosine * aside], axis=-1)
+        origins, directions = np.stack([x, y], axis=-1) + shift, heading + turn + bearings
+        ranges = np.where(self.met, self.ranges, np.nan)
+        unit = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+        ends = origins + ranges[:, None] * unit
+        ends[~(np.abs(ends) <= FARTHEST).all(axis=1)] = np.nan
+        return Beams(origins, directions, ends)
+
 
 @dataclass(frozen=True, eq=False)
 class Beams:
@@ -136,36 +168,6 @@ class Beams:
     def met(self) -> BoolArray:
         """Which ended somewhere, (B,)."""
         return np.asarray(np.isfinite(self.ends[:, 0]))
-
-
-def beams_of(scan: Scan, poses: Array) -> Beams:
-    """Place each beam by the pose of its own instant, which takes the robot's motion out.
-
-    o = p + Rot(psi) m,   phi = psi + psi_m + bearing,   end = o + r (cos phi, sin phi)
-
-    Parameters
-    ----------
-    scan : B beams; m and psi_m are its mount, r a range.
-    poses : (B, 3), (p, psi), see `Detector.detect`. A pose that is not finite loses its beam, as
-        does one beyond `FARTHEST`, in m or rad; so do bearings and a mount beyond it.
-
-    Raises
-    ------
-    WideberthError : not one pose per beam.
-    """
-    poses = checked("poses", poses, (len(scan.times), 3), finite=False, reason=", one per beam")
-    mount = np.broadcast_to(scan.mount, poses.shape)
-    numbers = np.column_stack([poses, mount, scan.bearings])
-    numbers[~(np.abs(numbers) <= FARTHEST).all(axis=1)] = np.nan  # NaN is not either
-    x, y, heading, along, aside, turn, bearings = numbers.T
-    cosine, sine = np.cos(heading), np.sin(heading)
-    shift = np.stack([cosine * along - sine * aside, sine * along + cosine * aside], axis=-1)
-    origins, directions = np.stack([x, y], axis=-1) + shift, heading + turn + bearings
-    ranges = np.where(scan.met, scan.ranges, np.nan)
-    unit = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
-    ends = origins + ranges[:, None] * unit
-    ends[~(np.abs(ends) <= FARTHEST).all(axis=1)] = np.nan
-    return Beams(origins, directions, ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,10 +231,6 @@ class InertialSample:
 
 def _timeless(time: float) -> str:
     return "" if -inf < time < inf else f"time is {time}"
-
-
-Sample = Scan | WheelSample | InertialSample
-"""Anything that a sensor on the robot reports."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from .layout import Define, identifiers
+from .layout import Define
 from .rendering import rendered
 from .subject import Subject
 
@@ -39,7 +39,7 @@ def flat_source(subject: Subject) -> str:
 
 def constants(subject: Subject) -> list[Define]:
     """Return all whole numbers of the header: sizes, then what each entry is."""
-    found = subject.layout.constants() + entries(subject)
+    found = subject.layout.constants() + subject.entries
     size = subject.problem.dimension
     found += [
         ("HEAD_REFERENCE", 0, "where the reference position stands in a stage, D entries, m"),
@@ -50,24 +50,6 @@ def constants(subject: Subject) -> list[Define]:
     nonzeros = {routine.name: routine.size for routine in subject.flat}
     for name in ("jacobian", "hessian"):
         found.append((f"{name.upper()}_NONZEROS", nonzeros[f"nlp_{name}"], "of the NLP"))
-    return found
-
-
-def entries(subject: Subject) -> list[Define]:
-    """Return what each entry of states and inputs is, with its unit."""
-    kinds = (
-        ("STATE", subject.robot.states, subject.problem.states),
-        ("INPUT", subject.robot.inputs, subject.problem.inputs),
-    )
-    found: list[Define] = []
-    for kind, quantities, count in kinds:
-        names = [quantity.name for quantity in quantities][:count]
-        units = [quantity.unit for quantity in quantities][:count]
-        further = count - len(names)  # what the problem adds to the robot's own
-        names += [f"extra {i}" for i in range(further)]
-        units += ["-"] * further
-        for i, (one, unit) in enumerate(zip(identifiers(names), units, strict=True)):
-            found.append((f"{kind}_{one}", i, unit))
     return found
 
 

@@ -1,7 +1,6 @@
-"""The READMEs of exports: templates, whose paragraphs are wrapped anew."""
+"""The READMEs of exports."""
 
 from collections.abc import Iterable
-from textwrap import fill
 from typing import Any
 
 from .rendering import rendered
@@ -14,7 +13,7 @@ def readme(subject: Subject) -> str:
     problem = subject.problem
     functions = [*subject.stage, *subject.flat]
     owners = [("those" if k else "the numbers", one) for k, one in enumerate(problem.slots)]
-    return wrapped(
+    return rendered(
         "problem/README.md",
         source=subject.source,
         problem=problem,
@@ -30,18 +29,6 @@ def readme(subject: Subject) -> str:
         cost=type(subject.cost).__name__,
         regions="\n\n".join(regions(subject)),
     )
-
-
-def wrapped(name: str, **values: Any) -> str:
-    """Return a template, paragraphs wrapped; tables, headings, lists and code stay as they are."""
-    blocks = rendered(name, **values).rstrip().split("\n\n")
-    return "\n\n".join(map(_wrapped, blocks)) + "\n"
-
-
-def _wrapped(block: str) -> str:
-    if block.startswith(("|", "#", ">", "1", "```")):
-        return block
-    return fill(block, 99, break_long_words=False, break_on_hyphens=False)
 
 
 def _names(quantities: Any) -> str:

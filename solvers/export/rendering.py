@@ -2,7 +2,7 @@
 
 from functools import cache
 from pathlib import Path
-from textwrap import wrap
+from textwrap import fill, wrap
 from typing import TYPE_CHECKING, Any
 
 from .layout import c_array, number
@@ -15,8 +15,20 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 def rendered(name: str, *, templates: Path = TEMPLATES, **values: Any) -> str:
-    """Return a template of a folder, filled in; a value that it lacks is an error."""
-    return _environment(templates).get_template(name).render(values)
+    """Return a template of a folder, filled in; a value that it lacks is an error.
+
+    Paragraphs of Markdown are wrapped; its tables, headings, lists and code stay as they are.
+    """
+    text = _environment(templates).get_template(name).render(values)
+    if not name.endswith(".md"):
+        return text
+    return "\n\n".join(map(_wrapped, text.rstrip().split("\n\n"))) + "\n"
+
+
+def _wrapped(block: str) -> str:
+    if block.startswith(("|", "#", ">", "1", "```")):
+        return block
+    return fill(block, 99, break_long_words=False, break_on_hyphens=False)
 
 
 @cache

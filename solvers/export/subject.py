@@ -13,7 +13,7 @@ from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.slots.base import SlotKind
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array
-from .layout import Layout
+from .layout import Define, Layout, identifiers
 from .routines import Routine, flat_routines, stage_routines
 
 
@@ -44,6 +44,24 @@ class Subject:
     def layout(self) -> Layout:
         """Where everything stands."""
         return Layout(self.problem, self.parameters)
+
+    @cached_property
+    def entries(self) -> list[Define]:
+        """What each entry of states and inputs is, with its unit."""
+        kinds = (
+            ("STATE", self.robot.states, self.problem.states),
+            ("INPUT", self.robot.inputs, self.problem.inputs),
+        )
+        found: list[Define] = []
+        for kind, quantities, count in kinds:
+            names = [quantity.name for quantity in quantities][:count]
+            units = [quantity.unit for quantity in quantities][:count]
+            further = count - len(names)  # what the problem adds to the robot's own
+            names += [f"extra {i}" for i in range(further)]
+            units += ["-"] * further
+            for i, (one, unit) in enumerate(zip(identifiers(names), units, strict=True)):
+                found.append((f"{kind}_{one}", i, unit))
+        return found
 
     @cached_property
     def stage(self) -> list[Routine]:

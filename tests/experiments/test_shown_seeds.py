@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.studies.episodes import check_shown, figure_name
 from wideberth.experiments.studies.grid import reduced, shown_of_fewer
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import load, names
@@ -45,13 +44,14 @@ def test_less_of_other_fields_keeps_what_is_shown() -> None:
 
 
 def test_what_may_be_shown() -> None:
-    check_shown((), 0, 1)
-    check_shown((4, 3), 3, 2)
+    study = build("experiments", {**REPLAY, "show": [3]})
+    study.check_shown(())
+    study.check_shown((4, 3))
     with pytest.raises(WideberthError, match=r"show is \[5\]; wanted seeds in \[3, 5\), as in"):
-        check_shown((5,), 3, 2)
+        study.check_shown((5,))
     with pytest.raises(WideberthError, match="each seed once"):
-        check_shown((3, 3), 3, 2)
+        study.check_shown((3, 3))
     assert shown_of_fewer((4, 3), 3, 1) == (3,)
     assert shown_of_fewer((4,), 3, 1) == (3,)
     assert shown_of_fewer((), 3, 1) == ()
-    assert figure_name("a", 3, (3,)) == "a" and figure_name("a", 3, (3, 4)) == "a_3"
+    assert study.figure_name("a", 3, (3,)) == "a" and study.figure_name("a", 3, (3, 4)) == "a_3"

@@ -8,7 +8,9 @@ import ast
 import inspect
 import tomllib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -21,6 +23,7 @@ from wideberth.experiments.engine import column_descriptions, result_folder
 from wideberth.experiments.engine.shipped_configs import shipped
 from wideberth.framework.mpc.diagnosis import solve_record
 from wideberth.framework.plugins import config, lazy, registry
+from wideberth.framework.plugins.extensions import module_file
 from wideberth.framework.tracking import forecast_sets
 from wideberth.simulation.log import episode_log
 from wideberth.tests.house.options import held, names, others, plugins
@@ -52,7 +55,7 @@ def promised() -> dict[str, Any]:
     """Return what the code has of all that is promised, by kind."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     return {
-        "names": _names([group for group in groups() if group.name != REST]),
+        "names": _tier_1(),
         "plug-ins": {room: _plugins(room) for room in registry.ROOMS},
         "settings": {kind.__name__: _fields(kind) for kind in _settings()},
         "configs": sorted(shipped()),
@@ -70,9 +73,15 @@ def promised() -> dict[str, Any]:
     }
 
 
+@cache
+def _tier_1() -> dict[str, Any]:
+    return _names([group for group in groups() if group.name != REST])
+
+
 def for_extensions() -> dict[str, list[str]]:
     """Return module -> names that packages beside the core import and that it does not offer."""
     offered = {target for face in FACES for target in _targets(face).values()}
+    offered |= {f"{module}:{name}" for module, names in _tier_1().items() for name in names}
     found: dict[str, set[str]] = {}
     for module, name in core_imports():
         if _targets(module).get(name, f"{module}:{name}") not in offered:
@@ -81,15 +90,31 @@ def for_extensions() -> dict[str, list[str]]:
 
 
 def core_imports() -> set[tuple[str, str]]:
-    """Return module and name of every import of the core by a package beside it."""
+    """Return module and name of every import of the core by a package beside it.
+
+    Of a module that is imported whole, each attribute that the file reads counts as a name.
+    """
     return {
-        (node.module, alias.name)
+        used
         for room in PACKAGES
         for path in files_of(room)
         for node in ast.walk(parsed(path))
         if isinstance(node, ast.ImportFrom) and not node.level and node.module
         if node.module.partition(".")[0] == "wideberth"
         for alias in node.names
+        for used in _used(path, node.module, alias)
+    }
+
+
+def _used(path: Path, module: str, alias: ast.alias) -> set[tuple[str, str]]:
+    inner = f"{module}.{alias.name}"
+    if _targets(module).get(alias.name, inner) != inner or module_file(inner) is None:
+        return {(module, alias.name)}
+    return {
+        (inner, node.attr)
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+        if node.value.id == (alias.asname or alias.name)
     }
 
 

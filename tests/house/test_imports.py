@@ -104,7 +104,8 @@ ARROWS: dict[str, set[str]] = {
         "wideberth_nav2", "wideberth_nav2/controllers", "wideberth_nav2/costmap",
     },
     "wideberth_nav2/studies": {
-        "wideberth_nav2/controllers", "wideberth_nav2/costmap", "wideberth_nav2/server",
+        "wideberth_nav2", "wideberth_nav2/controllers", "wideberth_nav2/costmap",
+        "wideberth_nav2/server",
     },
     "wideberth_nav2/cli": {"wideberth_nav2/server"},
     "solvers": set(),
@@ -115,7 +116,7 @@ ARROWS: dict[str, set[str]] = {
     "wideberth_perception/state": {"wideberth_perception"},
     "wideberth_perception/tracking": {"wideberth_perception"},
     "wideberth_perception/testing": {"wideberth_perception"},
-    "wideberth_perception/physics": set(),
+    "wideberth_perception/physics": {"wideberth_perception"},
     "wideberth_perception/cascade": {"wideberth_perception", "wideberth_perception/physics"},
     "wideberth_perception/studies": {
         "wideberth_perception/cascade", "wideberth_perception/physics",

@@ -1,14 +1,16 @@
 """The files of an exported solver."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from .... import __version__
 from ....framework.plugins.io import stamped
 from ....framework.programs import SOURCES as PROGRAMS
 from ... import riccati
 from ..bundle import KIND, MANIFEST, VERSION
-from ..readme import regions, wrapped
+from ..readme import regions
 from ..rendering import rendered
 from .exported import ExportedSolver
 from .header import header
@@ -40,7 +42,7 @@ def bundle(solver: ExportedSolver) -> dict[str, str]:
         },
     }
     needs = {"memory": solver.memory, "stack": solver.stack}
-    return {**files, MANIFEST: manifest(solver, [*files], needs)}
+    return with_manifest(solver, files, needs)
 
 
 def solver_files(solver: ExportedSolver) -> dict[str, str]:
@@ -67,7 +69,7 @@ def has_example(solver: ExportedSolver) -> bool:
 
 def _readme(solver: ExportedSolver) -> str:
     subject = solver.subject
-    return wrapped(
+    return rendered(
         "solver/README.md",
         source=subject.source,
         problem=subject.problem,
@@ -84,15 +86,22 @@ def source(name: str) -> str:
     return Path(__file__).with_name("c").joinpath(name).read_text(encoding="utf-8")
 
 
-def manifest(solver: ExportedSolver, files: list[str], needs: dict[str, int]) -> str:
-    """Return the manifest of a folder: of what it was made, what it needs, and its files."""
+def with_manifest(
+    solver: ExportedSolver, files: dict[str, str], needs: Mapping[str, int] = MappingProxyType({})
+) -> dict[str, str]:
+    """Return files by name with their manifest: what they were made of, and what they need.
+
+    Parameters
+    ----------
+    needs : bytes of memory and stack of a solve, where the manifest states them.
+    """
     content = {
         "wideberth": __version__,
         "source": solver.subject.source,
         "build": solver.build,
         "key": solver.subject.problem.key,
         **needs,
-        "files": files,
+        "files": [*files],
         "planner": solver.subject.config,
     }
-    return json.dumps(stamped(KIND, VERSION, content), indent=1) + "\n"
+    return {**files, MANIFEST: json.dumps(stamped(KIND, VERSION, content), indent=1) + "\n"}

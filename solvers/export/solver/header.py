@@ -2,7 +2,6 @@
 
 from ....framework.mpc.slots.base import WIDE
 from ....framework.values.arrays import FARTHEST
-from ..header import entries
 from ..layout import Define
 from ..rendering import rendered
 from .exported import ExportedSolver
@@ -15,7 +14,7 @@ def header(solver: ExportedSolver) -> str:
         "solver/wideberth_solver.h",
         source=solver.subject.source.replace("*/", ""),
         sizes=_sizes(solver),
-        entries=entries(solver.subject),
+        entries=solver.subject.entries,
         needs=_needs(solver),
         numbers=_numbers(solver),
         slots=[one for one in problem.slots if one.count],

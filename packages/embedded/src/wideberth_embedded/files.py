@@ -3,15 +3,12 @@
 from importlib.resources import files as resources
 from pathlib import Path
 
-from wideberth.solvers.export.bundle import MANIFEST
-from wideberth.solvers.export.header import entries
-from wideberth.solvers.export.readme import wrapped
 from wideberth.solvers.export.rendering import rendered
 from wideberth.solvers.export.solver.files import SOURCES as SOLVER_SOURCES
-from wideberth.solvers.export.solver.files import manifest, solver_files
+from wideberth.solvers.export.solver.files import solver_files, with_manifest
 
 from .supported import SUPPORTED
-from .tables import NAV2, ExportedPlanner, arrays, constants, numbers, public, starts
+from .tables import NAV2, ExportedPlanner, arrays, choices, constants, numbers, public, starts
 
 TEMPLATES = Path(__file__).with_name("templates")
 SOURCES = (
@@ -69,7 +66,7 @@ def bundle(one: ExportedPlanner) -> dict[str, str]:
         },
         "Makefile": rendered("planner/Makefile", templates=TEMPLATES, sources=SOURCES),
     }
-    return {**files, MANIFEST: manifest(one.solver, [*files], {})}
+    return with_manifest(one.solver, files)
 
 
 def _code(name: str, folder: str = "c") -> str:
@@ -84,7 +81,7 @@ def _header(one: ExportedPlanner) -> str:
         templates=TEMPLATES,
         source=one.solver.subject.source.replace("*/", ""),
         sizes=sizes,
-        entries=entries(one.solver.subject),
+        entries=one.solver.subject.entries,
         numbers=some,
         statuses=STATUSES,
         rungs=RUNGS,
@@ -99,11 +96,12 @@ def _tables(one: ExportedPlanner) -> str:
         numbers=numbers(one),
         starts=starts(),
         arrays=arrays(one),
+        choices=choices(one),
     )
 
 
 def _readme(one: ExportedPlanner) -> str:
-    return wrapped(
+    return rendered(
         "planner/README.md",
         templates=TEMPLATES,
         source=one.solver.subject.source,

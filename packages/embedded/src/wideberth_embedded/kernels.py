@@ -2,14 +2,15 @@
 
 from typing import Any
 
-from wideberth.framework.control.command_limits import FOREVER
-from wideberth.framework.mpc.ocp.problem import Problem
-from wideberth.framework.numerics.symbolic import ca
+import casadi as ca
+
 from wideberth.framework.robot import SymbolicDrive, step
 from wideberth.framework.values.motion import Pose, Twist
+from wideberth.solvers.export.constants import planner_constants
+from wideberth.solvers.export.solver.exported import ExportedSolver
 
 
-def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
+def kernels(robot: SymbolicDrive, solver: ExportedSolver) -> dict[str, Any]:
     """Return functions (v, p) of one column, by name; what has no result is left out.
 
     ``pose`` x -> place, heading; ``twist`` (x, u) -> linear, yaw rate; ``step`` (x, u) -> next x;
@@ -18,6 +19,7 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
     (pose, twist) -> x; ``rates`` (x, u) -> dx/dt; ``limits`` (x, u) -> values >= 0; ``price``
     (x, u, next x), (place, direction, speed) -> cost.
     """
+    problem = solver.subject.problem
     x, u, w = (ca.SX.sym(*one) for one in (("x", problem.states), ("u", problem.inputs), ("w", 3)))
     state, control = tuple(ca.vertsplit(x)), tuple(ca.vertsplit(u))
     wanted = Twist(tuple(ca.vertsplit(w[:2])), w[2])
@@ -39,7 +41,7 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
         "step": (both, none, ca.vertcat(*step(robot, state, control, problem.dt))),
         "drive": drive(problem.dt),
         "drive_second": drive(1.0),
-        "drive_ever": drive(FOREVER),
+        "drive_ever": drive(planner_constants()["FOREVER"]),
         "drive_within": (ca.vertcat(x, w, duration), none, drive(duration)[2]),
         "state_at": (ca.vertcat(place, w), none, ca.vertcat(*robot.state_at(pose, wanted))),
         "rates": (both, none, ca.vertcat(*robot.derivative(state, control))),
@@ -53,7 +55,7 @@ def kernels(robot: SymbolicDrive, problem: Problem) -> dict[str, Any]:
     }
 
 
-def _price(problem: Problem, x: Any, u: Any) -> tuple[Any, Any, Any]:
+def _price(problem: Any, x: Any, u: Any) -> tuple[Any, Any, Any]:
     following, head = ca.SX.sym("next", problem.states), ca.SX.sym("head", problem.head_width)
     cost = problem.input_cost(x, u, head) + problem.state_cost(following, head)
     return ca.vertcat(x, u, following), head, cost

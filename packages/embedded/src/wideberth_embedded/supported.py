@@ -3,13 +3,19 @@
 from collections.abc import Callable
 from typing import Any
 
-from wideberth.framework.mpc.planner.rungs import RUNGS
-from wideberth.framework.mpc.planner.settings import PlannerSettings
-from wideberth.framework.mpc.slots.static_polygons import CORNERS
+from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.robot import SymbolicDrive
 from wideberth.framework.values.errors import WideberthError
+from wideberth.solvers.export.constants import planner_constants
 
+CORNERS = int(planner_constants()["CORNERS"])
+"""Vertices of a polygon, at most."""
+RUNG_NAMES = {
+    "optimal": "OPTIMAL", "feasible iterate": "FEASIBLE", "shifted last plan": "SHIFTED",
+    "least violation": "LEAST", "brake": "BRAKE",
+}  # fmt: skip
+"""Rung of the ladder that is in C -> its name there."""
 SUPPORTED = {
     "robot": "unicycle without a footprint, or another SymbolicDrive with a heading in the plane",
     "predictor": "kalman",
@@ -28,7 +34,7 @@ SUPPORTED = {
 _LEVELS = ("fixed", "discounted", "relaxed", "paper")
 
 
-def refuse(planner: PlannerSettings, corners: int, path: str) -> SymbolicDrive:
+def refuse(planner: Planner, corners: int, path: str) -> SymbolicDrive:
     """Refuse a planner of which the C library lacks something; return its robot.
 
     Parameters
@@ -52,8 +58,8 @@ def refuse(planner: PlannerSettings, corners: int, path: str) -> SymbolicDrive:
         for name, (here, shown) in _RULES.items()
         if not here(planner)
     ]
-    if planner.static_region is not None and corners != CORNERS[0]:
-        lacks.append(f"corners is {corners}, and in C polygons have up to {CORNERS[0]}")
+    if planner.static_region is not None and corners != CORNERS:
+        lacks.append(f"corners is {corners}, and in C polygons have up to {CORNERS}")
     robot = planner.robot
     if lacks or not isinstance(robot, SymbolicDrive):
         known = "; ".join(f"{name}: {words}" for name, words in SUPPORTED.items())
@@ -67,7 +73,7 @@ def _type(plugin: Any) -> str:
     return "" if plugin is None else str(describe(plugin).get("type", type(plugin).__name__))
 
 
-def _robot_fits(planner: PlannerSettings) -> bool:
+def _robot_fits(planner: Planner) -> bool:
     robot = planner.robot
     fits = isinstance(robot, SymbolicDrive) and robot.dimension == 2 and robot.footprint is None
     return fits and robot.pose((0.0,) * len(robot.states)).heading is not None
@@ -88,7 +94,7 @@ def _equal(name: str, value: Any) -> "_Rule":
     )
 
 
-_Rule = tuple[Callable[[PlannerSettings], bool], Callable[[PlannerSettings], str]]
+_Rule = tuple[Callable[[Planner], bool], Callable[[Planner], str]]
 _RULES: dict[str, _Rule] = {
     "robot": (_robot_fits, lambda planner: str(describe(planner.robot))),
     "region": _of("region", "mahalanobis_ellipse"),
@@ -101,7 +107,7 @@ _RULES: dict[str, _Rule] = {
     "further_kinds": _equal("further_kinds", ()),
     "expected_contact": _equal("expected_contact", None),
     "fallback.rungs": (
-        lambda planner: set(planner.fallback.rungs) <= set(RUNGS),
+        lambda planner: set(planner.fallback.rungs) <= set(RUNG_NAMES),
         lambda planner: str(planner.fallback.rungs),
     ),
     "fallback.stop_at_end": (

@@ -1,59 +1,40 @@
 """The tables of an exported planner: the numbers of its settings and plug-ins as C."""
 
 import re
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
 
 import numpy as np
 
-from wideberth.framework.control.command_limits import FOREVER
-from wideberth.framework.control.end_of_path import LEFT, NEAR, SHARE, SHIFT, STEP, EndLimits
+from wideberth.framework.control.end_of_path import EndLimits
 from wideberth.framework.mpc.levels.base import SharedLevel
-from wideberth.framework.mpc.planner.multistart import DEEP, STUCK
-from wideberth.framework.mpc.planner.rungs import RUNGS, SWITCHING_MARGIN
-from wideberth.framework.mpc.planner.settings import PlannerSettings
-from wideberth.framework.mpc.planner.starts import NAMES, WARM_WITHIN
-from wideberth.framework.mpc.planner.watchdog import SAME
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.starts import NAMES
 from wideberth.framework.mpc.slots.reachability import leaves_out
-from wideberth.framework.mpc.slots.static_polygons import CORNERS
-from wideberth.framework.mpc.solver import NO_FORCE
 from wideberth.framework.robot import SpeedLimited
-from wideberth.framework.tracking.history import MOST
-from wideberth.framework.tracking.perception import FORGET
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.plan import TOLERANCE
-from wideberth.solvers.export.layout import Define, number
+from wideberth.solvers.export.constants import planner_constants
 from wideberth.solvers.export.solver.exported import ExportedSolver
-from wideberth.solvers.riccati.interior_point import BARRIER_TEST, WARM_DISTANCE
-from wideberth.solvers.riccati.solver import PATIENT_ITERATIONS, PATIENT_PER_STEP, PATIENT_SHARE
-from wideberth.solvers.riccati.workspace import MOST_PLANS, KindTable
 
+from .supported import CORNERS, RUNG_NAMES
+
+Define = tuple[str, Any, str]
+"""Name after the prefix, value, and what it is."""
 WALLS, DETECTIONS, PATH_POINTS, NAME = 256, 500, 4096, 48
 """Most walls and detections of an observation, points of a path, and bytes of an identity."""
-RUNG_NAMES = ("OPTIMAL", "FEASIBLE", "SHIFTED", "LEAST", "BRAKE")
-"""In C, in the order of `RUNGS`."""
 NAV2 = "wideberth_nav2"
 """Name of the ROS 2 package around a planner, unless another one is given."""
 _PACKAGE = re.compile(r"[a-z](_?[a-z0-9])+")
 """Names of ROS 2 packages that are also names of namespaces in C++."""
 
 
-_SAME_AS_IN_PYTHON = {
-    "STUCK": STUCK,
-    "DEEP": DEEP,
-    "NO_FORCE": NO_FORCE,
-    "SWITCHING_MARGIN": SWITCHING_MARGIN,
-    "SAME_PLAN": SAME,
-    "WARM_WITHIN": WARM_WITHIN,
-    "PATIENT_ITERATIONS": PATIENT_ITERATIONS,
-    "PATIENT_PER_STEP": PATIENT_PER_STEP,
-    "PATIENT_SHARE": PATIENT_SHARE,
-    "WARM_DISTANCE": WARM_DISTANCE,
-    "WARM_TEST": BARRIER_TEST,
-}
-"""Constants of the planner and the solver, which docstrings in Python explain."""
+_CONSTANTS = planner_constants()
+_SAME_AS_IN_PYTHON = (
+    "STUCK", "DEEP", "NO_FORCE", "SWITCHING_MARGIN", "SAME_PLAN", "WARM_WITHIN",
+    "PATIENT_ITERATIONS", "PATIENT_PER_STEP", "PATIENT_SHARE", "WARM_DISTANCE", "WARM_TEST",
+)  # fmt: skip
+"""Constants that have the same name in C."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +51,7 @@ class ExportedPlanner:
     WideberthError : a name that no package can have.
     """
 
-    planner: PlannerSettings
+    planner: Planner
     solver: ExportedSolver
     package: str = NAV2
 
@@ -86,11 +67,12 @@ def constants(one: ExportedPlanner) -> list[Define]:
     """Whole numbers of the tables."""
     planner, solver, problem = one.planner, one.solver, one.solver.subject.problem
     return [
-        ("MOST", MOST, "obstacles that are remembered"),
+        ("MOST", _CONSTANTS["MOST"], "obstacles that are remembered"),
         ("MULTIPLIERS", solver.width, "of a step, all but those of slots"),
-        *((f"{slots.name.upper()}_MULTIPLIERS", _multipliers(kind), "of a slot and step")
+        *((f"{slots.name.upper()}_MULTIPLIERS",
+           int(kind.inequalities + kind.equalities + 2 * kind.own), "of a slot and step")
           for slots, kind in zip(problem.slots, solver.kinds, strict=True)),
-        ("MOST_PLANS", MOST_PLANS, "from other starts"),
+        ("MOST_PLANS", _CONSTANTS["MOST_PLANS"], "from other starts"),
         ("STARTS_AUTO", int(planner.starts == "auto"), ""),
         ("STARTS_COUNT", 0 if planner.starts == "auto" else len(planner.starts), ""),
         ("RUNGS_COUNT", len(planner.fallback.rungs), ""),
@@ -120,37 +102,41 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("ROOM", body.radius + planner.margin, "m"),
         ("WALL_ROOM", body.radius + planner.margin_at_walls, "m"),
         ("FASTEST", _fastest(planner), "m/s"),
-        ("FOREVER", FOREVER, "s"),
-        ("END_LEFT", LEFT, "m"),
-        ("END_SHIFT", SHIFT, "m"),
-        ("END_NEAR", NEAR, "m"),
-        ("END_STEP", STEP, "s"),
-        ("END_BRAKING", SHARE * end.braking, "m/s^2"),
-        ("END_TURNING", SHARE * end.yaw_rate, "rad/s"),
+        ("FOREVER", _CONSTANTS["FOREVER"], "s"),
+        ("END_LEFT", _CONSTANTS["END_LEFT"], "m"),
+        ("END_SHIFT", _CONSTANTS["END_SHIFT"], "m"),
+        ("END_NEAR", _CONSTANTS["END_NEAR"], "m"),
+        ("END_STEP", _CONSTANTS["END_STEP"], "s"),
+        ("END_BRAKING", _CONSTANTS["END_SHARE"] * end.braking, "m/s^2"),
+        ("END_TURNING", _CONSTANTS["END_SHARE"] * end.yaw_rate, "rad/s"),
         ("END_YAW_RATE", end.yaw_rate, "rad/s, on the spot"),
         ("END_YAW_ACCELERATION", end.yaw_acceleration, "rad/s^2, on the spot"),
         ("MINIMUM", -inf if shared is None else shared.minimum, "of a shared level"),
         ("LEVEL_WEIGHT", 0.0 if shared is None else shared.weight, ""),
         ("REGULARISATION", polygons.auxiliary.regularisation, ""),
-        *((name, value, "") for name, value in _SAME_AS_IN_PYTHON.items()),
+        *((name, _CONSTANTS[name], "") for name in _SAME_AS_IN_PYTHON),
     ]
 
 
-def arrays(one: ExportedPlanner) -> list[str]:
-    """Arrays of the tables, as definitions in C."""
-    planner, problem = one.planner, one.solver.subject.problem
+def arrays(one: ExportedPlanner) -> list[tuple[str, str, Any]]:
+    """Return the arrays of numbers: name, sizes and nested values of each."""
+    problem = one.solver.subject.problem
     state, control = problem.state_bounds, problem.input_bounds
-    names = [_start(name) for name in (() if planner.starts == "auto" else planner.starts)]
-    rungs = [f"WIDEBERTH_{RUNG_NAMES[list(RUNGS).index(name)]}" for name in planner.fallback.rungs]
     (levels, *_) = one.solver.aims
     assert levels is not None
     return [
         _array("LEVELS", levels),
         _array("LOWER", (*state.lower, *control.lower)),
         _array("UPPER", (*state.upper, *control.upper)),
-        _words("STARTS", names),
-        _words("RUNGS", rungs),
     ]
+
+
+def choices(one: ExportedPlanner) -> list[tuple[str, list[str]]]:
+    """Return the arrays of names: that of each, and the names in it."""
+    planner = one.planner
+    names = [_start(name) for name in (() if planner.starts == "auto" else planner.starts)]
+    rungs = [f"WIDEBERTH_{RUNG_NAMES[name]}" for name in planner.fallback.rungs]
+    return [("STARTS", names), ("RUNGS", rungs)]
 
 
 def starts() -> list[str]:
@@ -165,7 +151,7 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
         ("PLAN_HORIZON", problem.horizon, "N, steps"),
         ("PLAN_STATES", problem.states, "n"),
         ("PLAN_INPUTS", problem.inputs, "m"),
-        ("CORNERS", CORNERS[0], "of a wall, at most"),
+        ("CORNERS", CORNERS, "of a wall, at most"),
         ("WALLS", WALLS if problem.slots[1].count else 0, "of an observation, at most"),
         ("DETECTIONS", DETECTIONS, "of an observation, at most"),
         ("PATH_POINTS", PATH_POINTS, "of a path, at most"),
@@ -176,40 +162,25 @@ def public(one: ExportedPlanner) -> tuple[list[Define], list[Define]]:
         ("PLAN_DT", problem.dt, "s per step"),
         ("PLAN_PERIOD", planner.period, "s between two decisions"),
         ("PLAN_MAX_SPEED", _fastest(planner), "m/s, of the robot"),
-        ("PLAN_FORGET", FORGET, "s after which an obstacle that is not seen is forgotten"),
-        ("PLAN_TOLERANCE", TOLERANCE, "of the verification"),
-    ]
+        (
+            "PLAN_FORGET",
+            _CONSTANTS["FORGET"],
+            "s after which an obstacle that is not seen is forgotten",
+        ),
+        ("PLAN_TOLERANCE", _CONSTANTS["TOLERANCE"], "of the verification"),
+    ]  # fmt: skip
     return sizes, numbers
 
 
-def _fastest(planner: PlannerSettings) -> float:
+def _fastest(planner: Planner) -> float:
     return planner.robot.max_speed if isinstance(planner.robot, SpeedLimited) else inf
-
-
-def _multipliers(kind: KindTable) -> int:
-    return int(kind.inequalities + kind.equalities + 2 * kind.own)
 
 
 def _start(name: str) -> str:
     return "PLAN_" + name.upper().replace("-", "_")
 
 
-def _array(name: str, values: Any) -> str:
-    """Define an array of any number of dimensions."""
+def _array(name: str, values: Any) -> tuple[str, str, Any]:
+    """Return name, sizes and nested values of an array of any number of dimensions."""
     found = np.asarray(values, dtype=np.float64)
-    shape = "".join(f"[{size}]" for size in found.shape)
-    return f"static const double PLAN_{name}{shape} PLAN_UNUSED = {_nested(found.tolist())};"
-
-
-def _nested(values: Any) -> str:
-    if not isinstance(values, list):
-        return number(values)
-    return f"{{{', '.join(map(_nested, values))}}}"
-
-
-def _words(name: str, words: Sequence[str]) -> str:
-    return f"static const int PLAN_{name}[] PLAN_UNUSED = {{{_joined(words) or '0'}}};"
-
-
-def _joined(words: Iterable[str]) -> str:
-    return ", ".join(words)
+    return name, "".join(f"[{size}]" for size in found.shape), found.tolist()

@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 
-from wideberth.experiments.cli.export import slots_for, solver_of, subject
+from wideberth.experiments.cli.export import exported_solver, slots_for
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.slots.static_polygons import CORNERS
 
 from .files import bundle
 from .kernels import kernels
 from .supported import refuse
-from .tables import NAV2, ExportedPlanner
+from .tables import CORNERS, NAV2, ExportedPlanner
 
 
 def planner_in_c(
@@ -23,7 +22,7 @@ def planner_in_c(
 def whole_planner(
     planner: Planner,
     source: str,
-    corners: int = CORNERS[0],
+    corners: int = CORNERS,
     package: str = NAV2,
     path: str = "planner",
 ) -> ExportedPlanner:
@@ -42,6 +41,6 @@ def whole_planner(
     robot = refuse(planner, corners, path)
     most = slots_for("most_obstacles", max(planner.most_obstacles, 1))
     still = 0 if planner.static_region is None else most
-    one = subject(planner, (most, still, corners), source)
-    further = kernels(robot, one.problem)
-    return ExportedPlanner(planner, replace(solver_of(planner, one), further=further), package)
+    solver = exported_solver(planner, (most, still, corners), source)
+    solver = replace(solver, further=kernels(robot, solver))
+    return ExportedPlanner(planner, solver, package)

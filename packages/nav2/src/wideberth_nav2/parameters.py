@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar, final, get_args, get_origin, get_typ
 import numpy as np
 from annotated_types import Ge, Gt
 
-from wideberth.framework.plugins.yamlfile import read_config
+from wideberth.framework import read_config
 from wideberth.framework.values.errors import WideberthError, nearest, short
 
 T = TypeVar("T")

@@ -1,6 +1,6 @@
 """Perception: what a robot concludes from its sensors, one group of files per question."""
 
-from wideberth.framework.plugins.lazy import lazy, targets_in
+from wideberth.framework.plugins.lazy import lazy
 
 _NAMES = {
     "detection.groups": "by_gap",
@@ -21,4 +21,4 @@ _NAMES = {
 }
 """Module -> its public names, which are imported on first use."""
 
-__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))
+__getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

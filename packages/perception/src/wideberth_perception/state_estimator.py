@@ -6,8 +6,10 @@ import numpy as np
 
 from wideberth.framework.values.arrays import Array, checked, number
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import MotionEstimate, Sample
+from wideberth.framework.values.sensing import InertialSample, MotionEstimate, Scan, WheelSample
 
+Sample = Scan | WheelSample | InertialSample
+"""Anything that a sensor on the robot reports."""
 KNOT = 0.02
 """s. Between instants closer than this a pose is interpolated."""
 

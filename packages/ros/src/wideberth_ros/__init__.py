@@ -1,6 +1,6 @@
 """Formats of other software: messages, recordings and parameter files of ROS 2."""
 
-from wideberth.framework.plugins.lazy import lazy, targets_in
+from wideberth.framework.plugins.lazy import lazy
 
 _NAMES = {
     "bag": "Bag read_bag",
@@ -9,4 +9,4 @@ _NAMES = {
 }
 """Module -> its public names, which are imported on first use."""
 
-__getattr__, __dir__, __all__ = lazy(__name__, targets_in(__name__, _NAMES))
+__getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

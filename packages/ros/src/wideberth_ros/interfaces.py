@@ -24,8 +24,8 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+from wideberth.experiments.engine.file_lock import file_lock
 from wideberth.framework.plugins import code_cache
-from wideberth.framework.plugins.file_lock import file_lock
 from wideberth.framework.plugins.registry import unknown
 from wideberth.framework.values.errors import WideberthError, short
 

@@ -16,7 +16,7 @@ from wideberth.framework.values.arrays import LATEST, Array, positive
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import PlacedScan, Scan, Sightings, beams_of
+from wideberth.framework.values.sensing import PlacedScan, Scan, Sightings
 from wideberth_perception.detector import Detector
 from wideberth_perception.handover import Batch, Handover
 from wideberth_perception.tracker import Tracker
@@ -378,7 +378,8 @@ class ScanSource:
         if newest is not None and newest is not self._met[0]:
             found = self._placed_scan(newest)
             if not isinstance(found, str):
-                ends = beams_of(*found).ends
+                scan, poses = found
+                ends = scan.beams(poses).ends
                 instant = float(found[0].times[-1])
                 self._met = newest, ends[np.isfinite(ends).all(axis=1)], instant
         return self._met[1:]

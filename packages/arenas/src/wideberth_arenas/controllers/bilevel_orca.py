@@ -8,7 +8,7 @@ import numpy as np
 from wideberth.controllers.reactive import Preparing, Reactive
 from wideberth.controllers.steering import limited, steer, velocity_of
 from wideberth.framework.control.command_limits import within_bounds
-from wideberth.framework.mpc.planner.rollout import brake, clip, follow, shift
+from wideberth.framework.mpc.planner.rollout import brake, follow, shift
 from wideberth.framework.robot import step
 from wideberth.framework.values.arrays import Array, whole
 from wideberth.framework.values.errors import WideberthError
@@ -162,7 +162,8 @@ class BilevelOrca(Reactive, Preparing):
         share = self.period / self.dt
         left = max(len(self._last) - int(np.ceil(share - 1e-9)), 0)
         kept = shift(self._last, share)[:left]
-        rows = list(clip(self.robot, kept))
+        limits = self.robot.input_bounds()
+        rows = list(np.clip(kept, limits.lower, limits.upper))
         state = follow(self.robot, scene.state, kept, self.dt)[-1]
         while len(rows) < self.horizon:
             way = scene.ahead - np.array(self.robot.pose(tuple(state)).position)
@@ -172,6 +173,6 @@ class BilevelOrca(Reactive, Preparing):
             twist = steer(self.robot, state, wanted, 1.0 / self.dt).twist
             now = tuple(float(value) for value in state)
             inputs = np.array([self.robot.drive(now, twist, self.dt)])
-            rows.append(clip(self.robot, inputs)[0])
+            rows.append(np.clip(inputs, limits.lower, limits.upper)[0])
             state = np.array(step(self.robot, now, tuple(rows[-1]), self.dt))
         return np.array(rows)

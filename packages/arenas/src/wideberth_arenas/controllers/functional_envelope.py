@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.random import RandomState
+from numpy.typing import NDArray
 
-from wideberth.framework.calibration import ROUNDING, IntArray, fewest_ranks, rank_quantile
+from wideberth.framework.calibration import ROUNDING, fewest_ranks, rank_quantile
 from wideberth.framework.values.arrays import (
     Array,
     BoolArray,
@@ -66,7 +67,7 @@ class FieldGrid:
         x, y = np.meshgrid(*self.sides())
         return np.stack([x.ravel(), y.ravel()], axis=1)
 
-    def nearest(self, points: Array) -> tuple[IntArray, BoolArray]:
+    def nearest(self, points: Array) -> tuple[NDArray[np.int64], BoolArray]:
         """Return the cell nearest to points (..., 2), m, and whether they are on the grid."""
         place = ((points - np.array(self.centre)) / self.width + 0.5) * (self.cells - 1)
         on_grid = (place >= 0.0) & (place <= self.cells - 1)
@@ -224,7 +225,7 @@ class EnvelopeFit:
         held, learning = self.parts(len(fields))
         return self.bound(fields[learning], fields[held])
 
-    def parts(self, rows: int) -> tuple[IntArray, IntArray]:
+    def parts(self, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return which rows calibrate, and which components and mixture are fitted to."""
         order = RandomState(self.seed).permutation(rows)
         held = math.ceil(self.held_out * rows)
@@ -270,7 +271,9 @@ def _exceeded(scores: Array, tail: float) -> float:
     return bound
 
 
-def residual_fields(grid: FieldGrid, predicted: Array, actual: Array) -> tuple[IntArray, Array]:
+def residual_fields(
+    grid: FieldGrid, predicted: Array, actual: Array
+) -> tuple[NDArray[np.int64], Array]:
     """D_pred - D of those rows of one step in which both are known: their indices, and fields.
 
     Parameters

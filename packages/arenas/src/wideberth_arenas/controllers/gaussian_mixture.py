@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import RandomState
+from numpy.typing import NDArray
 
-from wideberth.framework.tracking.windows import IntArray
 from wideberth.framework.values.arrays import Array
 
 MOST_ROUNDS = 300, 100
@@ -80,7 +80,7 @@ def _likeliest(scores: Array, share: Array) -> GaussianMixture:
     return GaussianMixture(held / held.sum(), mean, covariance)
 
 
-def clustered(scores: Array, clusters: int, draws: RandomState) -> IntArray:
+def clustered(scores: Array, clusters: int, draws: RandomState) -> NDArray[np.int64]:
     """Return the cluster, (n,), of scores (n, P): k-means from centres far apart."""
     scores = scores - scores.mean(axis=0)
     centres = _far_apart(scores, min(clusters, len(scores)), draws)
@@ -97,7 +97,7 @@ def clustered(scores: Array, clusters: int, draws: RandomState) -> IntArray:
     return _nearest(scores, centres)
 
 
-def _nearest(scores: Array, centres: Array) -> IntArray:
+def _nearest(scores: Array, centres: Array) -> NDArray[np.int64]:
     return np.asarray(_squared(scores[:, None] - centres).argmin(axis=1))
 
 

@@ -1,18 +1,19 @@
 """The loop in which conformal planners were compared: rows of a recording, and a unicycle."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from wideberth.framework.controller import Controller, DrivesRobot, GivesReason
+from wideberth.framework.controller import Controller, DrivesRobot
 from wideberth.framework.robot import Robot
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array, BoolArray
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import Rung
 from wideberth.robots.unicycle import Unicycle
 
 PERSON = float(1.0 / np.sqrt(2.0))
@@ -220,8 +221,18 @@ def drive(
     return log.closed(standing)
 
 
+@runtime_checkable
+class GivesReason(Protocol):
+    """A controller without a plan that says why it stands still."""
+
+    @property
+    @abstractmethod
+    def reason(self) -> str:
+        """Why the last command was to stand still instead of a decision; empty if it was one."""
+
+
 def stood_still(controller: Controller) -> bool:
     """Whether the last command was not that of a new plan."""
     if controller.last_plan is not None:
-        return controller.last_plan.rung not in (Rung.OPTIMAL, Rung.FEASIBLE)
+        return controller.last_plan.rung not in ("optimal", "feasible iterate")
     return isinstance(controller, GivesReason) and bool(controller.reason)

@@ -1,6 +1,6 @@
 """The table by which conformal planners were compared: their rows, and others beside them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -9,19 +9,11 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from wideberth.experiments.drawing.plotting import PAGE, legend_below, style, subplots, title
+from wideberth.experiments import GridStudy, Result, Row, Task, TaskOutcome, subplots
+from wideberth.experiments.drawing.plotting import PAGE, legend_below, style
 from wideberth.experiments.engine.closed_loop import column
 from wideberth.experiments.studies.crowd import TrackFile
-from wideberth.experiments.studies.grid import (
-    Axes,
-    GridStudy,
-    Pictures,
-    Result,
-    Row,
-    Task,
-    TaskOutcome,
-    labelled,
-)
+from wideberth.experiments.studies.grid import labelled
 from wideberth.framework import Controller, WideberthError
 from wideberth.framework.controller import fresh
 from wideberth.framework.mpc.planner.planner import Planner
@@ -184,7 +176,7 @@ class ConformalTable(GridStudy):
                 "state the folder of the recordings"
             )
 
-    def axes(self) -> Axes:
+    def axes(self) -> Mapping[Any, Any]:
         """Each contender from each start.
 
         Raises
@@ -249,7 +241,7 @@ class ConformalTable(GridStudy):
                 lines.append({**head, **name, **condensed(own), **compared(own, ours)})
         return lines
 
-    def pictures(self, result: Result) -> Pictures:
+    def pictures(self, result: Result) -> Iterator[tuple[str, Any]]:
         """Draw collisions against arrivals of each set of starts."""
         scenes = self._scenes()
         wanted = SYNTHETIC if scenes == (SYNTHETIC,) else ALL
@@ -392,7 +384,12 @@ def draw(lines: list[Row]) -> Any:
             high = rate - line["difference"] + line["difference_high"]
             look = style(i, MARKERS)
             panel.plot([share, share], [low, high], "-", color=look["color"], linewidth=0.8)
-            panel.plot(share, rate, **{**look, "linestyle": ""}, label=title(line["contender"]))
+            panel.plot(
+                share,
+                rate,
+                **{**look, "linestyle": ""},
+                label=str(line["contender"]).replace("_", " "),
+            )
         panel.set(xlim=(-0.05, 1.05), xlabel="share of starts that arrive")
         panel.set_ylim(bottom=0.0)
         panel.set_title(f"{labels['set']}: {some[0]['starts']} starts")

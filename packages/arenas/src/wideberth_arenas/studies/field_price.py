@@ -1,32 +1,24 @@
 """What a functional envelope of distance fields gives up, and what a calibrated constant does."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from wideberth.experiments.drawing.plotting import COLOURS, PAGE, legend_below, subplots
+from wideberth.draw import COLOURS
+from wideberth.experiments import GridStudy, Result, Row, Task, TaskOutcome, reduced, subplots
+from wideberth.experiments.drawing.plotting import PAGE, legend_below
 from wideberth.experiments.engine.closed_loop import column
-from wideberth.experiments.studies.grid import (
-    Axes,
-    GridStudy,
-    Pictures,
-    Result,
-    Row,
-    Task,
-    TaskOutcome,
-    labelled,
-    reduced,
-)
+from wideberth.experiments.studies.grid import labelled
 from wideberth.experiments.studies.prediction_data import PredictionData, SceneFiles
 from wideberth.framework import Predictor, WideberthError
 from wideberth.framework.calibration import rank_quantile
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import unknown
-from wideberth.framework.tracking.windows import IntArray
 from wideberth.framework.values.arrays import Array, BoolArray, whole
 from wideberth.metrics.statistics import bootstrap_interval, known_mean
 
@@ -62,8 +54,8 @@ class Calibrating:
 
     fields: Array
     errors: Array
-    learning: IntArray
-    held: IntArray
+    learning: NDArray[np.int64]
+    held: NDArray[np.int64]
 
     def drawn(self, rng: np.random.Generator) -> "Calibrating":
         """Return the same parts with blocks of rows drawn anew."""
@@ -126,12 +118,12 @@ class Fields:
     cell : (R, N, O), of the grid, of each person.
     """
 
-    rows: IntArray
+    rows: NDArray[np.int64]
     grid: FieldGrid
     fields: Array
     errors: Array
     near: Array
-    cell: IntArray
+    cell: NDArray[np.int64]
 
     @classmethod
     def of(cls, rows: FieldRows, grid: FieldGrid) -> "Fields":
@@ -264,7 +256,7 @@ class FieldPrice(GridStudy):
         if wrong := [name for name in self.people if name not in ("paired", "everyone")]:
             raise WideberthError(f"people holds {wrong[0]!r}; wanted 'paired' or 'everyone'")
 
-    def axes(self) -> Axes:
+    def axes(self) -> Mapping[Any, Any]:
         """Each recording, with both meanings of people."""
         return {"scene": list(self._scenes()), "people": self.people}
 
@@ -344,7 +336,7 @@ class FieldPrice(GridStudy):
                 table.append(line)
         return table
 
-    def pictures(self, result: Result) -> Pictures:
+    def pictures(self, result: Result) -> Iterator[tuple[str, Any]]:
         """Distance given up, per recording, of both pairs."""
         table = self.summary(result.rows)
         kinds = labelled(table, "people")

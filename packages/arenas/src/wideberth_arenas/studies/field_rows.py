@@ -9,9 +9,9 @@ from functools import lru_cache
 from itertools import takewhile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.tracking.windows import IntArray
 from wideberth.framework.values.arrays import Array, BoolArray
 
 from ..controllers.fcp import FunctionalConformalPlanner
@@ -41,7 +41,7 @@ class FieldRows:
     dt : s between the steps.
     """
 
-    rows: IntArray
+    rows: NDArray[np.int64]
     predicted: Array
     actual: Array
     dt: float

@@ -8,10 +8,11 @@ import numpy as np
 
 from wideberth.experiments.engine.closed_loop import controllers_of
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
+from wideberth.framework import read_config
 from wideberth.framework.controller import DrivesRobot
 from wideberth.framework.mpc.planner.recommended import HEADROOM, recommended
 from wideberth.framework.plugins.config import describe
-from wideberth.framework.plugins.yamlfile import dump, read_config
+from wideberth.framework.plugins.yamlfile import dump
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError, nearest
 from wideberth.robots import Unicycle

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION
 
 from ..costmap.footprint import outline_cost
+from ..costs import INSCRIBED, LETHAL, NO_INFORMATION
 from .smooth_control_law import LawParameters, Pose, next_pose, regular_velocity, wound
 
 Number = TypeVar("Number", float, Array)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap
+from wideberth.framework.values.costmap import Costmap
 
 from ..costmap.footprint import outline_costs
+from ..costs import INSCRIBED, LETHAL, NO_INFORMATION
 from ..parameters import check_parameters
 from ..poses import length, normalized, shortest_angle
 from .dwb_trajectories import Trajectories, cells_of

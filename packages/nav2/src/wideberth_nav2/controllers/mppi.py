@@ -8,10 +8,10 @@ import numpy as np
 from annotated_types import Ge
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import INSCRIBED, LETHAL
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Twist
 
+from ..costs import INSCRIBED, LETHAL
 from ..parameters import (
     NAMES,
     Count,

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wideberth.framework.values.arrays import BoolArray
-from wideberth.framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap
+from wideberth.framework.values.costmap import Costmap
 
 from ..costmap.footprint import RobotFootprint, outline_costs
+from ..costs import INSCRIBED, LETHAL, NO_INFORMATION
 from ..parameters import Count, Natural, NonNegative, Triple, check_parameters
 from .local_controller import Tick
 from .mppi_rollouts import MppiTick, Rollouts, Single, wrapped

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wideberth.framework.values.arrays import Array, BoolArray
-from wideberth.framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION
 
+from ..costs import INSCRIBED, LETHAL, NO_INFORMATION
 from ..poses import length
 from .dwb_trajectories import cells_of
 from .local_controller import Tick

@@ -6,8 +6,8 @@ from math import atan2, cos, hypot, inf, pi, sin
 import numpy as np
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import FREE_SPACE, LETHAL, NO_INFORMATION
 
+from ..costs import FREE_SPACE, LETHAL, NO_INFORMATION
 from ..parameters import Positive
 from ..poses import length, normalized
 from .local_controller import LocalController, Tick

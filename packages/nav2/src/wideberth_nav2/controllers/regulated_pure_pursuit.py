@@ -7,9 +7,9 @@ from typing import Annotated, final
 import numpy as np
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import INSCRIBED
 from wideberth.framework.values.motion import Twist
 
+from ..costs import INSCRIBED
 from ..parameters import Limited, Named, Positive, check_parameters
 from ..poses import in_base_frame, length, look_ahead, rotation_rate
 from .local_controller import CONTROLLER_EXCEPTION, Answer, Tick

@@ -7,9 +7,9 @@ from typing import Annotated, final
 import numpy as np
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import LETHAL
 from wideberth.framework.values.motion import Twist
 
+from ..costs import LETHAL
 from ..parameters import Limited, NonNegative, Positive, check_parameters, check_work
 from ..poses import distance, in_base_frame, rotation_rate, shortest_angle
 from .local_controller import CONTROLLER_EXCEPTION, Answer, LocalController, Tick

@@ -11,9 +11,10 @@ import numpy as np
 from wideberth.controllers.reactive import Neighbours
 from wideberth.framework.tracking.stand_ins import sound
 from wideberth.framework.values.arrays import Array, whole
-from wideberth.framework.values.costmap import LETHAL, Costmap
+from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.motion import Twist
 
+from ..costs import LETHAL
 from ._teb_kernel import wrapped
 from .local_controller import INVALID_PATH, Answer, LocalController, Tick
 from .teb_band import Band, TebParameters

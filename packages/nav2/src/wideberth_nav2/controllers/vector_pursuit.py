@@ -8,9 +8,10 @@ from typing import Annotated, final
 import numpy as np
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import MAX_NON_OBSTACLE, Costmap
+from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.motion import Twist
 
+from ..costs import MAX_NON_OBSTACLE
 from ..parameters import Limited, NonNegative, Positive, check_parameters
 from ..path_handler import closest_pose, half_side
 from ..poses import in_base_frame, normalized, normalized_positive

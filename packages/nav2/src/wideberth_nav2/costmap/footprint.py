@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from wideberth.framework.plugins.njit import cached_njit
 from wideberth.framework.values.arrays import Array, checked, positive
-from wideberth.framework.values.costmap import LETHAL, Costmap
+from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.errors import WideberthError
+
+from ..costs import LETHAL
 
 CORNERS = 16
 """Corners of the polygon that stands for a round robot."""

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wideberth.framework.values.arrays import Array, BoolArray, positive
-from wideberth.framework.values.costmap import FREE_SPACE, LETHAL, NO_INFORMATION, Costmap
+from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.motion import Detection
 from wideberth.framework.values.polygon import Polygon
 from wideberth.routes.inflation import Inflation
 
+from ..costs import FREE_SPACE, LETHAL, NO_INFORMATION
 from .footprint import RobotFootprint
 from .forecast_layer import ShownForecast
 from .rays import Rays

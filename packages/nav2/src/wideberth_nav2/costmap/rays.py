@@ -9,7 +9,7 @@ import numpy as np
 
 from wideberth.framework.values.arrays import FARTHEST, Array, BoolArray
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import Scan, beams_of
+from wideberth.framework.values.sensing import Scan
 
 
 @final
@@ -45,7 +45,7 @@ class Rays:
     @classmethod
     def of_scan(cls, scan: Scan, pose: Array) -> "Rays":
         """Return the rays of a scan by a robot that stood at a pose (3,)."""
-        placed = beams_of(scan, np.tile(pose, (len(scan.times), 1)))
+        placed = scan.beams(np.tile(pose, (len(scan.times), 1)))
         directions = np.stack([np.cos(placed.directions), np.sin(placed.directions)], axis=1)
         origin = placed.origins[0] if len(directions) else pose[:2]
         ranges = np.where(placed.known, scan.ranges, np.nan)

@@ -7,8 +7,8 @@ from typing import final
 
 import numpy as np
 
-from wideberth.controllers.steering import FAST, top_speed, yaw_acceleration
-from wideberth.framework.control.command_limits import attained, within_reach
+from wideberth.controllers.steering import yaw_acceleration
+from wideberth.framework.control.command_limits import FAST, attained, top_speed, within_reach
 from wideberth.framework.control.rate_limited_warnings import WARNINGS
 from wideberth.framework.controller import Controller, checked_path, checked_ready, checked_use
 from wideberth.framework.robot import Robot

@@ -7,9 +7,9 @@ from typing import final
 
 import numpy as np
 
-from wideberth.framework.values.costmap import LETHAL
 from wideberth.framework.values.motion import Twist
 
+from ..costs import LETHAL
 from ..parameters import Natural, NonNegative, Positive, check_parameters, check_work
 from ..poses import distance, normalized
 from .server import ServerView

@@ -7,11 +7,12 @@ import numpy as np
 
 from wideberth.framework.route_planner import RoutePlanner
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import INSCRIBED, LETHAL, Costmap
+from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.path import Path
 
 from ..costmap.footprint import RobotFootprint
 from ..costmap.local_costmap import CostmapSurroundings, CostmapView, LayeredCostmap
+from ..costs import INSCRIBED, LETHAL
 from ..poses import length
 
 PERIOD, NEAR_GOAL, SEARCH, MARGIN = 1.0, 4.0, 1.5, 4.0

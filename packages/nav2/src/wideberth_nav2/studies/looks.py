@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from wideberth.experiments.drawing.plotting import COLOURS, PAGE, subplots
+from wideberth.draw import COLOURS
+from wideberth.experiments import subplots
+from wideberth.experiments.drawing.plotting import PAGE
 from wideberth.framework.plugins.io import read_arrays
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.costmap import LETHAL, NO_INFORMATION, Costmap
+from wideberth.framework.values.costmap import Costmap
 from wideberth.simulation.drawing import artists
 from wideberth.simulation.log.episode_log import Episode
+
+from ..costs import LETHAL, NO_INFORMATION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

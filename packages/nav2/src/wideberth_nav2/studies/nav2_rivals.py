@@ -1,43 +1,27 @@
 """Nav2's controllers in the same situations as our planner, with the same path and view."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from wideberth.controllers.steering import top_speed
 from wideberth.controllers.withdrawing import Withdrawing
-from wideberth.experiments.engine.closed_loop import (
-    EPISODE_CAPTIONS,
-    about_first_contact,
-    column,
-    inputs_of,
-    outcome,
-    pick,
-)
+from wideberth.experiments import Result, Row, Task, TaskOutcome, reduced
+from wideberth.experiments.engine.closed_loop import about_first_contact, column, outcome
 from wideberth.experiments.engine.errors import as_user_error
 from wideberth.experiments.studies.comparison_figures import CAPTIONS, summary_pictures
 from wideberth.experiments.studies.episode_statistics import (
     against,
-    by_controller,
     condensed,
     paired,
     with_interval,
 )
-from wideberth.experiments.studies.episodes import SeededStudy, check_shown
-from wideberth.experiments.studies.grid import (
-    Axes,
-    Pictures,
-    Result,
-    Row,
-    Task,
-    TaskOutcome,
-    labelled,
-    reduced,
-)
+from wideberth.experiments.studies.episodes import SeededStudy
+from wideberth.experiments.studies.grid import labelled
 from wideberth.framework import Controller, Predictor, Robot, WideberthError
+from wideberth.framework.control.command_limits import top_speed
 from wideberth.framework.controller import driving, fresh
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.values.arrays import positive
@@ -146,7 +130,7 @@ class Nav2Rivals(SeededStudy):
             "What a controller of Nav2 saw and compared: its local costmap, the trajectories "
             "that it sampled, the one that it expects to drive, and the true discs."
         ),
-        **EPISODE_CAPTIONS,
+        **SeededStudy.run_captions,
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
     printed: ClassVar[tuple[str, ...]] = (
@@ -175,16 +159,16 @@ class Nav2Rivals(SeededStudy):
                 raise WideberthError(
                     f"{label} is {name!r}; the controllers are {sorted(self.controllers)}"
                 )
-        check_shown(self.show, self.first_seed, self.seeds)
+        self.check_shown(self.show)
 
-    def axes(self) -> Axes:
+    def axes(self) -> Mapping[Any, Any]:
         """All places, limits, views and controllers."""
         axes: dict[Any, Any] = {column: getattr(self, name) for column, name in AXES.items()}
         return {**axes, "seed": self.seed_range}
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
-        return inputs_of(one.scenario for one in self.places.values())
+        return [file for place in self.places.values() for file in place.scenario.inputs()]
 
     def check(self) -> None:
         """Begin an episode of every controller at every place, under the first limits and view."""
@@ -211,7 +195,7 @@ class Nav2Rivals(SeededStudy):
             **about_first_contact(episode, place.scenario, robot, watched[0], place.settings),
         }
         made = outcome(episode, task, self.tail, more)
-        labels = pick(made.rows[0], (*AXES, "seed"))
+        labels = {name: made.rows[0][name] for name in (*AXES, "seed")}
         made.times[:] = [
             {**labels, **_processor_time(one, log.name, episode.duration)}
             for one, log in zip(watched, episode.robots, strict=True)
@@ -227,7 +211,7 @@ class Nav2Rivals(SeededStudy):
         places = [name for name in AXES if name != "controller"]
         lines = []
         for head, some in labelled(rows, *places):
-            played = by_controller(some)
+            played = {str(label["controller"]): own for label, own in labelled(some, "controller")}
             for name, own in played.items():
                 line = {**head, "controller": name, **condensed(own)}
                 line |= {to: known_mean(column(own, source)) for to, source in MEANS.items()}
@@ -237,7 +221,7 @@ class Nav2Rivals(SeededStudy):
                 lines.append(line)
         return lines
 
-    def pictures(self, result: Result) -> Pictures:
+    def pictures(self, result: Result) -> Iterator[tuple[str, Any]]:
         """Draw outcomes and times per place, and what Nav2's controllers saw."""
         rows = [_as_compared(row) for row in result.rows]
         lines = [_as_compared(line) for line in self.summary(result.rows)]

@@ -8,7 +8,9 @@ import numpy as np
 
 from wideberth.framework.values.arrays import number, positive
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import InertialSample, Sample, Scan
+from wideberth.framework.values.sensing import InertialSample, Scan
+
+from ..state_estimator import Sample
 
 Span = tuple[float, float]
 """From when until when, s of the episode."""

@@ -16,12 +16,10 @@ from wideberth.framework.values.sensing import (
     InertialSample,
     MotionEstimate,
     PlacedScan,
-    Sample,
     Scan,
     Sightings,
     TrackedObstacle,
     WheelSample,
-    beams_of,
 )
 from wideberth.simulation.log.frames import RigidMotion
 from wideberth.simulation.log.perception_log import (
@@ -34,7 +32,7 @@ from wideberth.simulation.log.perception_log import (
 
 from ..handover import Batch, Handover
 from ..observed_state import own_state
-from ..state_estimator import StateEstimator, poses_at
+from ..state_estimator import Sample, StateEstimator, poses_at
 from ..walls import walls_behind
 from .cascade import PATIENCE, SensingPipeline
 
@@ -309,7 +307,7 @@ class Senses:
         self._note(sightings.note)
         if len(poses):
             self._scan = PlacedScan(scan, self.estimator.at(scan.stamp).pose)
-        beams = beams_of(scan, poses)
+        beams = scan.beams(poses)
         self._coming.append((due, sightings, beams.ends[beams.met]))
 
     def _known_at(self, time: float) -> bool:

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from wideberth.framework.values.arrays import Array, BoolArray
-from wideberth.framework.values.sensing import Scan, beams_of
+from wideberth.framework.values.sensing import Scan
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 DRIFT, TURN = 0.001, 0.0005
@@ -67,9 +67,9 @@ class Hits:
 def hits_of(scan: Scan, poses: Array) -> tuple[Hits, str]:
     """Return what the beams met, and why that is less than it should be; "" where it is not.
 
-    Parameters and errors are those of `beams_of`.
+    Parameters and errors are those of `Scan.beams`.
     """
-    beams = beams_of(scan, poses)
+    beams = scan.beams(poses)
     known = beams.known
     bearing = np.mod(scan.bearings, 2.0 * np.pi)
     order = np.argsort(bearing, kind="stable")

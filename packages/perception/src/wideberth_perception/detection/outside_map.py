@@ -11,7 +11,7 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import Scan, Sightings, beams_of
+from wideberth.framework.values.sensing import Scan, Sightings
 
 from ..detector import Detector
 from .hits import without
@@ -53,7 +53,7 @@ class OutsideMap(Detector):
 
     def detect(self, scan: Scan, poses: Array) -> Sightings:
         """Find what the map does not show; see `Detector.detect`."""
-        beams = beams_of(scan, poses)
+        beams = scan.beams(poses)
         shown = beams.met
         if self.polygons:
             shown[shown] = _distance(beams.ends[shown], self.polygons) < TOLERANCE

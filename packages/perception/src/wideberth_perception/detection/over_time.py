@@ -8,7 +8,7 @@ import numpy as np
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array, BoolArray
-from wideberth.framework.values.sensing import Scan, Sightings, beams_of
+from wideberth.framework.values.sensing import Scan, Sightings
 
 from ..detector import Detector
 from .hits import without
@@ -116,7 +116,7 @@ class OverTime(Detector):
 
     def detect(self, scan: Scan, poses: Array) -> Sightings:
         """Find what has not stood there all the time; see `Detector.detect`."""
-        beams, now = beams_of(scan, poses), scan.stamp
+        beams, now = scan.beams(poses), scan.stamp
         note = ""
         if self._looks and now < self._looks[-1].time:
             note = (

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias, final
 
 from numpy.typing import ArrayLike
 
-from wideberth.framework.values.arrays import Array, checked, checked_choice, positive, settle
+from wideberth.framework.values.arrays import Array, checked, checked_choice, positive
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.polygon import Polygon
 
@@ -50,8 +50,8 @@ class PhysicalRobot:
         sensors: Iterable[Sensor] = (),
         grip: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
     ) -> None:
-        settle(self, name=name, body=body, start=checked(f"{name}.start", start, (3,)))
-        settle(self, sensors=tuple(sensors), grip=grip)
+        vars(self).update(name=name, body=body, start=checked(f"{name}.start", start, (3,)))
+        vars(self).update(sensors=tuple(sensors), grip=grip)
         for factor in checked(f"{name}.grip", grip, (4,)):
             positive(f"{name}.grip", float(factor))
         _refuse_twins(f"the sensors of {name}", (sensor.name for sensor in self.sensors))
@@ -77,8 +77,8 @@ class PhysicalPerson:
     def __init__(
         self, name: str, start: ArrayLike, radius: float = 0.3, height: float = 1.7
     ) -> None:
-        settle(self, name=name, start=checked(f"{name}.start", start, (2,)))
-        settle(self, radius=radius, height=height)
+        vars(self).update(name=name, start=checked(f"{name}.start", start, (2,)))
+        vars(self).update(radius=radius, height=height)
         positive(f"{name}.radius", radius)
         positive(f"{name}.height", height)
 

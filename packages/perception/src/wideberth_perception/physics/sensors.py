@@ -10,7 +10,9 @@ import numpy as np
 
 from wideberth.framework.values.arrays import Array, positive, whole
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import InertialSample, Sample, Scan, WheelSample
+from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+
+from ..state_estimator import Sample
 
 GRAVITY = 9.81
 """m/s^2, as in the physics."""

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from wideberth.framework.values.arrays import Array, checked, positive
 from wideberth.framework.values.errors import WideberthError, nearest
 from wideberth.framework.values.motion import Command, Twist
-from wideberth.framework.values.sensing import InertialSample, Sample
+from wideberth.framework.values.sensing import InertialSample
 
+from ..state_estimator import Sample
 from .body import SkidSteerBody
 from .library import collected_warnings, mujoco
 from .mjcf import HULL, SEEN, mjcf

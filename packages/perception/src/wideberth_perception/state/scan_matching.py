@@ -12,9 +12,9 @@ from wideberth.framework.plugins.config import ADVICE, build
 from wideberth.framework.values.arrays import Array, BoolArray, assembled
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.polygon import Polygon, edge_normals
-from wideberth.framework.values.sensing import MotionEstimate, Sample, Scan
+from wideberth.framework.values.sensing import MotionEstimate, Scan
 
-from ..state_estimator import StateEstimator, checked_start, poses_at
+from ..state_estimator import Sample, StateEstimator, checked_start, poses_at
 
 _GRAZING = 0.1
 """Sine of the angle at which a beam still counts as a measurement of the wall."""

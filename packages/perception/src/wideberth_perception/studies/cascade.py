@@ -1,6 +1,6 @@
 """Robots that see for themselves: what sensing, tracking, drift and slip cost, stage by stage."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -11,42 +11,13 @@ from typing import Any, ClassVar, NamedTuple, Self, final
 import numpy as np
 
 from wideberth.controllers.reactive import Reactive
-from wideberth.experiments.drawing.plotting import (
-    ENOUGH,
-    PAGE,
-    few,
-    legend_below,
-    number,
-    style,
-    subplots,
-)
-from wideberth.experiments.engine.closed_loop import (
-    EPISODE_CAPTIONS,
-    column,
-    condense,
-    group,
-    inputs_of,
-    outcome,
-    pick,
-)
+from wideberth.experiments import Result, Row, Task, TaskOutcome, reduced, subplots
+from wideberth.experiments.drawing.plotting import PAGE, few, legend_below, number, style
+from wideberth.experiments.engine.closed_loop import column, condense, outcome
 from wideberth.experiments.engine.errors import as_user_error
 from wideberth.experiments.studies.episode_statistics import with_interval
-from wideberth.experiments.studies.episodes import (
-    VIEW_CAPTION,
-    SeededStudy,
-    check_shown,
-    episode_pictures,
-    figure_name,
-)
-from wideberth.experiments.studies.grid import (
-    Axes,
-    Pictures,
-    Result,
-    Row,
-    Task,
-    TaskOutcome,
-    reduced,
-)
+from wideberth.experiments.studies.episodes import SeededStudy
+from wideberth.experiments.studies.grid import labelled
 from wideberth.framework import Controller, Robot, WideberthError
 from wideberth.framework.controller import fresh
 from wideberth.framework.plugins.registry import unknown
@@ -170,11 +141,11 @@ class CascadeStudy(SeededStudy):
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
     captions: ClassVar[Mapping[str, str]] = {
-        **VIEW_CAPTION,
+        **SeededStudy.view_captions,
         "changes": (
             "What each case changes, at the same seeds: mean difference with its interval of 95 %."
         ),
-        **EPISODE_CAPTIONS,
+        **SeededStudy.run_captions,
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "goals_in_time")
     printed: ClassVar[tuple[str, ...]] = (
@@ -197,7 +168,7 @@ class CascadeStudy(SeededStudy):
         """Refuse settings that make no study."""
         positive("view_distance", self.view_distance)
         positive("true_tolerance", self.true_tolerance)
-        check_shown(self.show, self.first_seed, self.seeds)
+        self.check_shown(self.show)
         for label, chosen in self.cases.items():
             for axis, name in chosen.items():
                 if axis not in AXES:
@@ -221,14 +192,14 @@ class CascadeStudy(SeededStudy):
             found.append(Case(label, **chosen))
         return found
 
-    def axes(self) -> Axes:
+    def axes(self) -> Mapping[Any, Any]:
         """Each case."""
         cases = {case.label: case for case in self.played()}
         return {("case", *AXES): cases, "seed": self.seed_range}
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
-        return inputs_of(self.scenarios.values())
+        return [file for scenario in self.scenarios.values() for file in scenario.inputs()]
 
     def check(self) -> None:
         """Begin an episode of every case."""
@@ -253,7 +224,7 @@ class CascadeStudy(SeededStudy):
         """One line per case, compared with the case before it or the first."""
         return [line for chain in self._chains(rows) for line in self._lines(chain)]
 
-    def pictures(self, result: Result) -> Pictures:
+    def pictures(self, result: Result) -> Iterator[tuple[str, Any]]:
         """Draw what each case changes, and the views and runs of the shown seeds."""
         chains = [chain for chain in self._chains(result.rows) if len(chain) > 1]
         if chains:
@@ -270,9 +241,9 @@ class CascadeStudy(SeededStudy):
             yield "largest_changes.csv", most
         for i, (case, seed) in enumerate(product(self.played(), self.show)):
             episode = Episode.from_bytes(result.read(_file(case, seed)))
-            called = figure_name(case.label.replace(" ", "_"), seed, self.show)
+            called = self.figure_name(case.label.replace(" ", "_"), seed, self.show)
             planner = self.planners[case.planner]
-            yield from episode_pictures(
+            yield from self.episode_pictures(
                 called, episode, planner, self.tail, self.view_distance, i == 0
             )
 
@@ -295,7 +266,7 @@ class CascadeStudy(SeededStudy):
 
     def _chains(self, rows: list[Row]) -> list[list[PlayedEpisode]]:
         """Return the cases that are compared with one another, with their rows."""
-        known = {label: some for (label,), some in group(rows, "case").items()}
+        known = {head["case"]: some for head, some in labelled(rows, "case")}
         chains: dict[tuple[str, ...], list[PlayedEpisode]] = {}
         for case in self.played():
             key = () if self.cases else (case.scenario, case.planner, case.settings)
@@ -378,7 +349,7 @@ def condensed(rows: Sequence[Row]) -> Row:
     for name in ("coverage_first", "coverage_last"):
         line[name] = known_mean(column(rows, name))
     means = {name: known_mean(column(rows, name)) for name in PERCEIVED}
-    return pick(line, COLUMNS) | means
+    return {name: line[name] for name in COLUMNS} | means
 
 
 def changes(rows: Sequence[Row], others: Sequence[Row]) -> Row:
@@ -479,7 +450,7 @@ def draw_changes(drawn: Mapping[str, Mapping[str, Row]], against: str) -> Any:
         f"Change against {against}: mean over {counts[0]} seeds, intervals of 95 %; "
         f"{hit} collisions in {sum(counts)} episodes."
     ]
-    if min(counts) >= ENOUGH:
+    if not few(counts):
         title += [fill(sentence(largest(place, lines)), 118) for place, lines in drawn.items()]
     else:
         title = [f"Change against {against}; {few(counts)}"]

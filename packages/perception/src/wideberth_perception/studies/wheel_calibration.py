@@ -1,23 +1,15 @@
 """Calibration of skid-steered bodies in the physics: how they follow their wheels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from wideberth.experiments.drawing.plotting import PAGE, legend_below, style, subplots
-from wideberth.experiments.engine.closed_loop import column, group
-from wideberth.experiments.studies.grid import (
-    Axes,
-    GridStudy,
-    Pictures,
-    Result,
-    Row,
-    Task,
-    TaskOutcome,
-    labelled,
-)
+from wideberth.experiments import GridStudy, Result, Row, Task, TaskOutcome, subplots
+from wideberth.experiments.drawing.plotting import PAGE, legend_below, style
+from wideberth.experiments.engine.closed_loop import column
+from wideberth.experiments.studies.grid import labelled
 from wideberth.framework import WideberthError
 from wideberth.framework.values.arrays import Array, positive
 
@@ -103,7 +95,7 @@ class WheelCalibration(GridStudy):
             raise WideberthError(f"rates are {self.rates}; wanted each larger than that before")
         positive("seconds", self.seconds)
 
-    def axes(self) -> Axes:
+    def axes(self) -> Mapping[Any, Any]:
         """Each body with each shape of the friction."""
         return {"body": self.bodies, "cone": CONES}
 
@@ -145,7 +137,7 @@ class WheelCalibration(GridStudy):
             })  # fmt: skip
         return lines
 
-    def pictures(self, result: Result) -> Pictures:
+    def pictures(self, result: Result) -> Iterator[tuple[str, Any]]:
         """Draw the yaw gains with either friction, and the point about which a robot turns."""
         figure, panels = subplots(1, 3, figsize=(PAGE, 2.7), width_ratios=(1.2, 1.2, 1.0))
         for place, cone in enumerate(CONES):
@@ -220,7 +212,8 @@ def _measured(rows: list[Row]) -> dict[tuple[float, float], Driven]:
 def _gains(rows: list[Row], body: str, cone: str) -> tuple[Array, Array, Array, Array]:
     """Return rates, and mean, least and largest gain at each."""
     found = []
-    for (rate,), some in group(_of(rows, body, cone), "rate_rad_s").items():
+    for head, some in labelled(_of(rows, body, cone), "rate_rad_s"):
+        rate = head["rate_rad_s"]
         if rate:
             ends = column(some, "least_rad_s").min(), column(some, "largest_rad_s").max()
             mean = column(some, "yaw_rate_rad_s").mean()

@@ -9,15 +9,9 @@ import numpy as np
 from wideberth.framework.numerics.geometry import plane_turn
 from wideberth.framework.testing.laws import Contract, Law, law, refusing, serving, stated
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import (
-    InertialSample,
-    MotionEstimate,
-    Sample,
-    Scan,
-    WheelSample,
-)
+from wideberth.framework.values.sensing import InertialSample, MotionEstimate, Scan, WheelSample
 
-from ..state_estimator import StateEstimator
+from ..state_estimator import Sample, StateEstimator
 
 _START = np.array([1.0, -2.0, 0.7])
 _REST, _END = 2.5, 10.0

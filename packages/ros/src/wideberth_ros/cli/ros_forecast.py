@@ -7,9 +7,9 @@ from typing import Any
 from numpy import quantile
 
 from wideberth.experiments.engine.progress import say
+from wideberth.framework import read_config
 from wideberth.framework.plugins.config import build, construct, import_plugins
 from wideberth.framework.plugins.registry import find_modules_beside, unknown
-from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.errors import WideberthError
 

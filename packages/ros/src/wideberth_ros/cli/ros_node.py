@@ -11,11 +11,11 @@ from typing import Any, final
 from numpy import quantile
 
 from wideberth.experiments.engine.progress import say
+from wideberth.framework import read_config
 from wideberth.framework.controller import Controller, DrivesRobot
 from wideberth.framework.plugins.config import build, construct, import_plugins
 from wideberth.framework.plugins.io import expanded
 from wideberth.framework.plugins.registry import find_modules_beside, unknown
-from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.route_planner import RoutePlanner
 from wideberth.framework.values.arrays import positive
 from wideberth.framework.values.errors import WideberthError, short

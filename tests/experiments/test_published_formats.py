@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.studies.crowd import TrackFile, guess_kind
+from wideberth.experiments.studies.jrdb import RATE, read_jrdb
 from wideberth.experiments.studies.prediction_data import PredictionData
-from wideberth.framework.tracking.jrdb import RATE, read_jrdb
+from wideberth.experiments.studies.thor_magni import read_thor_magni
+from wideberth.experiments.studies.trajdata_scene import read_trajdata
 from wideberth.framework.tracking.recordings import Recording
-from wideberth.framework.tracking.thor_magni import read_thor_magni
-from wideberth.framework.tracking.trajdata_scene import read_trajdata
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.framework.plugins import file_lock as module
-from wideberth.framework.plugins.file_lock import file_lock
+from wideberth.experiments.engine import file_lock as module
+from wideberth.experiments.engine.file_lock import file_lock
 
 HOLDER = """
 import sys, time
 from pathlib import Path
-from wideberth.framework.plugins.file_lock import file_lock
+from wideberth.experiments.engine.file_lock import file_lock
 with file_lock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

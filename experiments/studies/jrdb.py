@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..plugins.io import parse_json, read_text
-from ..values.arrays import Array
-from ..values.errors import WideberthError, short
-from .recordings import LARGEST_COORDINATE, MOST_BYTES, Recording, gridded
+from ...framework.plugins.io import parse_json, read_text
+from ...framework.tracking.recordings import LARGEST_COORDINATE, MOST_BYTES, Recording, gridded
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError, short
 
 RATE = 15.0
 """Frames in a s: the published sequences."""

@@ -7,10 +7,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..plugins.io import read_text
-from ..values.arrays import Array
-from ..values.errors import WideberthError
-from .recordings import MOST_BYTES, Recording, gridded, number
+from ...framework.plugins.io import read_text
+from ...framework.tracking.recordings import MOST_BYTES, Recording, gridded, number
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
 
 MILLIMETRES = 1000.0
 """In a metre; the unit of the files."""

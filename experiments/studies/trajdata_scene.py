@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..values.errors import WideberthError
-from .recordings import Recording, gridded
+from ...framework.tracking.recordings import Recording, gridded
+from ...framework.values.errors import WideberthError
 
 PERSON = "PEDESTRIAN"
 """Name of the type of agents that are people, in trajdata."""
