@@ -62,15 +62,14 @@ style: .venv/ready      ## check style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# mypy wants the checkout in a folder whose name is an identifier: .venv/link provides one.
 lint: style             ## check style and types
-	cd .venv/link && ../bin/mypy --config-file wideberth/pyproject.toml \
-	  --cache-dir ../../.mypy_cache wideberth/__init__.py $(ROOMS:%=wideberth/%)
-	cd .venv/link && ../bin/mypy --config-file wideberth/pyproject.toml \
-	  --cache-dir ../../.mypy_cache $(PACKAGES:%=-p wideberth_%)
+	$(BIN)/mypy
 	$(BIN)/pyright
 	$(BIN)/python tests/house/typed_scripts.py
-	cd .venv/typed && PATH=$(CURDIR)/$(BIN):$$PATH PYTHONPATH=. pyright \
+# --verifytypes reads all that is in the folder of a package, in a checkout its tests too.
+	mkdir -p build/typed/wideberth
+	ln -sfn $(addprefix $(CURDIR)/,__init__.py __init__.pyi py.typed $(ROOMS)) build/typed/wideberth
+	cd build/typed && PATH=$(CURDIR)/$(BIN):$$PATH PYTHONPATH=. pyright \
 	  --verifytypes wideberth --ignoreexternal
 
 types: .venv/ready      ## write what editors read of packages that import their names late
@@ -133,18 +132,10 @@ lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	  $(LOCK) packages/ros/pyproject.toml -c requirements.lock --extra $$distribution \
 	    -o packages/ros/tests/$$distribution.lock; done
 
-# Editors look for packages on sys.path alone, where an installed clone is not. wideberth.pth puts
-# .venv/link there; imports go on to find the clone itself, which pip's finder names.
 .venv/ready: pyproject.toml $(PACKAGES:%=packages/%/pyproject.toml) requirements.lock setup.py $(C_SOURCES)
 	@echo "set-up: installing what requirements.lock lists into .venv, some minutes the first time"
 	$(PY) -m venv .venv
 	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip install --python .venv -q --require-hashes -r requirements.lock
 	$(BIN)/uv pip install --python .venv -q --no-deps --reinstall-package wideberth $(EDITABLE)
-	mkdir -p .venv/link .venv/typed/wideberth && ln -sfn ../.. .venv/link/wideberth
-	for part in __init__.py __init__.pyi py.typed $(ROOMS); do \
-	  ln -sfn ../../../$$part .venv/typed/wideberth/$$part; done
-	printf '%s\nimport sys; sys.meta_path.sort(key=%s)\n' "$(CURDIR)/.venv/link" \
-	  'lambda one: "__editable___wideberth" not in one.__module__' > \
-	  "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/wideberth.pth"
 	touch $@

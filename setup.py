@@ -1,6 +1,7 @@
-"""The extension modules; all else is in pyproject.toml.
+"""The extension modules and the editable installation; all else is in pyproject.toml.
 
-Each is optional: without a C compiler the package works, slower and without the solver `riccati`.
+Without a C compiler the package works, slower and without the solver `riccati`: each module is
+optional.
 """
 
 import platform
@@ -10,6 +11,7 @@ from typing import Any
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.command.editable_wheel import editable_wheel
 
 STABLE = {"define_macros": [("Py_LIMITED_API", "0x030B0000")], "py_limited_api": True}
 """One module for Python 3.11 and all later ones."""
@@ -22,6 +24,26 @@ EXACT = ["-std=c99", "-O3", "-ffp-contract=off", *KEPT]
 FAST = ["-std=c99", "-O3", "-ffp-contract=fast", "-fassociative-math", "-fno-signed-zeros", *KEPT]
 LEVEL_3 = ["-march=x86-64-v3", "-DWB_LEVEL_3"]
 """x86-64 processors since about 2015; compiled beside code for all of them, chosen at run time."""
+
+
+class InstallEditable(editable_wheel):
+    """Put a folder on `sys.path` that holds nothing but a link `wideberth` to the checkout.
+
+    setuptools would install an import hook, since the checkout may have another name; editors and
+    type checkers read `sys.path` alone. Where links cannot be made, it still does.
+    """
+
+    def finalize_options(self) -> None:
+        """Name the folder of the link as that of all packages."""
+        super().finalize_options()
+        link = Path(".editable/wideberth")
+        try:
+            link.parent.mkdir(exist_ok=True)
+            link.unlink(missing_ok=True)
+            link.symlink_to("..", target_is_directory=True)
+        except OSError:
+            return
+        self.package_dir = {"": str(link.parent)}
 
 
 class BuildExtensions(build_ext):
@@ -65,6 +87,6 @@ MODULES = [
 setup(
     script_name="setup.py",  # which is no module of the package, though it is in the same folder
     ext_modules=MODULES,
-    cmdclass={"build_ext": BuildExtensions},
+    cmdclass={"build_ext": BuildExtensions, "editable_wheel": InstallEditable},
     options={"bdist_wheel": {"py_limited_api": "cp311"}},
 )

@@ -183,19 +183,12 @@ def episode() -> Prepared:
     return round(DRIVE), partial(own_time, work)
 
 
-OWN_PATH = (
-    "import sys; "
-    'sys.meta_path[:] = [one for one in sys.meta_path if "__editable__" not in one.__module__]; '
-)
-"""Leaves PYTHONPATH to say where `wideberth` is: an editable installation would come first."""
-
-
 def start(code: str) -> Prepared:
     """Start another Python."""
 
     def work() -> float:
         before = of_children()
-        subprocess.run([sys.executable, "-c", OWN_PATH + code], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
         return of_children() - before
 
     return 1, work
@@ -227,7 +220,6 @@ def use(checkout: Path) -> None:
     ------
     SystemExit : it is not.
     """
-    exec(OWN_PATH)
     import wideberth
 
     found = Path(wideberth.__file__).resolve().parent

@@ -381,7 +381,7 @@ def show(
     result: Annotated[
         str,
         Argument(
-            help="Folder of a result, or its config's name; or the word config, column or ros.",
+            help="Folder of a result, or its config's name; or the word config or column.",
             autocompletion=completing.results,
         ),
     ],
@@ -389,7 +389,7 @@ def show(
         str | None,
         Argument(
             help="After config: the config to print; after column: the column to explain; after "
-            "ros: the file for ROS 2.",
+            "the name of a package that has files: one of them.",
             autocompletion=completing.shown,
         ),
     ] = None,
@@ -445,14 +445,15 @@ def show(
 
 def _config_text(word: str, name: str, part: bool) -> str:
     """Return the shipped file that the two words of `wideberth show` mean."""
-    from ...framework.plugins.extensions import function
+    from ...framework.plugins.extensions import absent, function, installed
     from ..engine.column_descriptions import column_meanings, dash_meaning
     from ..engine.line_width import width, wrapped
     from ..engine.shipped_configs import shipped_text
     from .describing import is_config_room
 
-    if word == "ros":
-        text: str = function("ros_file", f"files for {word}")(name)
+    files = f"show_{word}"
+    if files in installed("functions") or absent("functions", files):
+        text: str = function(files, f"files for {word}")(name)
         return text
     if word == COLUMN and not part:
         meanings = column_meanings(name)
@@ -461,7 +462,7 @@ def _config_text(word: str, name: str, part: bool) -> str:
     if not is_config_room(word):
         raise WideberthError(
             f"show takes one result, and {word!r} and {name!r} were given; two words are "
-            "`show config NAME`, `show column NAME` or `show ros NAME`"
+            "`show config NAME` or `show column NAME`"
         )
     if part:
         raise WideberthError("--columns, --pivot, --latex and --markdown are of a result's tables")
@@ -729,14 +730,6 @@ def film(
     typer.echo(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")
 
 
-def ros_apart(arguments: list[str]) -> list[str]:
-    """Return arguments with "--" before "--ros-args": what follows is for ROS alone."""
-    if "--ros-args" not in arguments:
-        return arguments
-    place = arguments.index("--ros-args")
-    return [*arguments[:place], "--", *arguments[place:]]
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Enter from the shell: a `WideberthError` becomes one message and exit code 2.
 
@@ -754,7 +747,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     signal.signal(signal.SIGINT, press)
     try:
-        app(args=ros_apart(sys.argv[1:] if arguments is None else arguments))
+        app(args=sys.argv[1:] if arguments is None else arguments)
     except WideberthError as error:
         typer.secho(f"Error: {error}", fg="red", err=True)
         sys.exit(2)

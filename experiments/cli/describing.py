@@ -185,8 +185,8 @@ def described(words: list[str]) -> str:
         if room == CONFIG_ROOM:
             return "\n".join(room_lines(room))
     kinds = {kind for package in known_packages().values() for kind in package} - {"moved"}
-    if words := next(filter(None, (absent(kind, word) for kind in sorted(kinds))), ""):
-        raise WideberthError(words)
+    if message := next(filter(None, (absent(kind, word) for kind in sorted(kinds))), ""):
+        raise WideberthError(message)
     everything = {name for room in ROOMS for name in choices(room)}
     hint = nearest(word, {*everything, *ROOMS, CONFIG_ROOM, *shipped()}) or ";"
     raise WideberthError(f"unknown name {short(word)}{hint} `wideberth list` shows all names")

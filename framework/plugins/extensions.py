@@ -9,7 +9,10 @@ kind           name                                   value
 ``checks``     ``check_ROOM``, in the singular        the module of that contract check
 ``configs``    any                                    a package that holds YAML files
 ``commands``   a command of the command line          "module:app", a ``typer.Typer``
-``functions``  what the core calls by name            "module:name"
+``functions``  what the core calls by name; a         "module:name"
+               function ``show_WORD`` returns the
+               text that ``wideberth show WORD NAME``
+               prints
 =============  =====================================  =========================================
 
 Nothing is imported before it is used. ``known_packages.yaml`` lists which package has a name, for

@@ -99,6 +99,33 @@ def test_a_plug_in_that_cannot_be_built_names_its_extra(tmp_path: Path) -> None:
     assert asked == BEYOND
 
 
+CONFIGS = """
+import json
+from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
+from wideberth.framework.values.errors import WideberthError
+errors = {}
+for name in shipped():
+    try:
+        read_experiment(name, [])
+    except WideberthError as error:
+        errors[name] = str(error)
+print(json.dumps([shipped(), errors]))
+"""
+LIBRARIES = {"convex_certificates": "certificates", "crowd_agility": "arenas"}
+"""Config -> the extra with a library that it needs."""
+
+
+def test_configs_of_the_core_name_no_plug_in_of_another_package(tmp_path: Path) -> None:
+    done = python(tmp_path, CONFIGS)
+    assert done.returncode == 0, done.stderr[-2000:]
+    names, errors = json.loads(done.stdout)
+    assert names == sorted(path.stem for path in (ROOT / "experiments/configs").glob("*.yaml"))
+    assert {*errors} == {*LIBRARIES}, errors
+    for name, extra in LIBRARIES.items():
+        assert f"pip install 'wideberth[{extra}]'" in errors[name], errors
+        assert "comes with wideberth-" not in errors[name], errors
+
+
 def test_the_first_script_runs(tmp_path: Path) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     (script,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
@@ -132,6 +159,14 @@ def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:
         (("check", "controller", "orca", "--set", "robot=unicycle"), "arenas"),
         (("run", "cascade_chicken_game"), "perception"),
         (("run", "warehouse"), "perception"),
+        (("run", "nav2_rivals"), "nav2"),
+        (("check", "controller", "nav2"), "nav2"),
+        (("nav2", "params.yaml"), "nav2"),
+        (("check", "detector", "chords"), "perception"),
+        (("node", "node.yaml"), "ros"),
+        (("bag", "crossing-quick"), "ros"),
+        (("show", "ros", "node.rviz"), "ros"),
+        (("export", "crossing", "--planner", "--out", "c"), "embedded"),
         (("run", "prediction_benchmark", "--set", "chosen=[mixture_density]"), "learning"),
         (("fit", "mixture_density", "none.txt", "--dt", "0.4", "--out", "a.json"), "learning"),
     ],

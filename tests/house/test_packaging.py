@@ -1,5 +1,6 @@
 """What is listed is what there is, and the wheel holds that and nothing else."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -119,10 +120,31 @@ def test_wheel_holds_the_package_and_nothing_else(archive: Path, tmp_path: Path)
     assert all(name.startswith(data) for name in other), other
 
 
+def test_editable_installation_is_a_folder_on_the_path(
+    archive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Editors and type checkers read the path; none of them runs an import hook."""
+    monkeypatch.setenv("CC", "/no/compiler")
+    clone = shutil.copytree(archive, tmp_path / "my-clone")
+    wheel = zipfile.ZipFile(built("editable", clone, tmp_path))
+    modules = [name for name in wheel.namelist() if ".dist-info/" not in name]
+    assert [Path(name).suffix for name in modules] == [".pth"]
+    (folder,) = wheel.read(modules[0]).decode().split()
+    assert [path.name for path in Path(folder).iterdir()] == ["wideberth"]
+    added = clone / "regions" / "added.py"
+    added.write_text("from .base import *")
+    done = subprocess.run(
+        [sys.executable, "-c", "import wideberth.regions.added as added; print(added.__file__)"],
+        capture_output=True, text=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": folder},
+    )  # fmt: skip
+    assert Path(done.stdout.strip()).resolve() == added.resolve(), done.stderr
+
+
 def test_import_is_light_and_without_twins(tmp_path: Path) -> None:
     script = (
         "import sys, wideberth\n"
-        "print(wideberth.__file__, 'numpy' in sys.modules, end=' ')\n"
+        "from pathlib import Path\n"
+        "print(Path(wideberth.__file__).resolve(), 'numpy' in sys.modules, end=' ')\n"
         "wideberth.Tracks, wideberth.Region\n"
         "print(sum(name.endswith('framework.values.tracks') for name in sys.modules))"
     )

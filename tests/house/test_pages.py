@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from wideberth import build, save_plugin
-from wideberth.experiments.cli.app import app, ros_apart
+from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
@@ -178,7 +178,7 @@ def scripts_of(words: list[str]) -> list[str]:
 def wideberth(words: list[str]) -> None:
     """Let the command line parse a command, and read the config that it names."""
     command = commands(app)[words[0]]
-    given = command.make_context(words[0], ros_apart(words[1:])).params
+    given = command.make_context(words[0], words[1:]).params
     if "config" in given:
         read_experiment(given["config"], list(given.get("set_") or []))
     if words[0] == "new":

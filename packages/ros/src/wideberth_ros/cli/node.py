@@ -8,12 +8,12 @@ from typer import Argument, Option
 from wideberth.experiments.cli.options import Set
 from wideberth.framework.plugins.io import expanded
 
-from .arguments import RosArguments, Seconds
+from .arguments import RosArguments, RosCommand, Seconds
 
 app: typer.Typer = typer.Typer(add_completion=False)
 
 
-@app.command(no_args_is_help=True)
+@app.command(cls=RosCommand, no_args_is_help=True)
 def node(
     file: Annotated[str, Argument(help="A YAML file with `planner` and `node`.")],
     set_: Set = None,

@@ -7,12 +7,12 @@ from typer import Option
 
 from wideberth.experiments.cli.options import Config, Set
 
-from .arguments import RosArguments
+from .arguments import RosArguments, RosCommand
 
 app: typer.Typer = typer.Typer(add_completion=False)
 
 
-@app.command(no_args_is_help=True)
+@app.command(cls=RosCommand, no_args_is_help=True)
 def world(
     config: Config,
     set_: Set = None,
