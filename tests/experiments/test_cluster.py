@@ -27,6 +27,11 @@ def sweeps(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return import_module("sweeps")
 
 
+def reports(error: str) -> list[str]:
+    """Return the lines of progress, without those on a start that takes longer than a second."""
+    return [line for line in error.splitlines() if not line.endswith(" ...")]
+
+
 def test_same_tables_whatever_becomes_of_the_cluster(tmp_path: Path, sweeps: ModuleType) -> None:
     """One process, and a cluster that is late, loses a worker, and then its scheduler."""
     run(sweeps.coins(**SETTINGS), tmp_path / "one")
@@ -51,7 +56,7 @@ def test_same_tables_whatever_becomes_of_the_cluster(tmp_path: Path, sweeps: Mod
         cluster.workers[0].kill()
         _, error = made.communicate(timeout=60)
         assert made.returncode == 0, error
-        first, *rest = error.splitlines()
+        first, *rest = reports(error)
         assert first == f"no worker at {cluster.address}; the work waits for one"
         assert all(re.match(r"\d+ of 60 tasks", line) for line in rest), error
         assert sweeps.contents(tmp_path / "cluster") == one
@@ -63,7 +68,7 @@ def test_same_tables_whatever_becomes_of_the_cluster(tmp_path: Path, sweeps: Mod
     assert made.returncode == 2
     assert f"Error: the scheduler {cluster.address} was lost; " in error
     assert "of 60 tasks are done and kept in cut: once that is corrected" in error
-    *before, _ = error.splitlines()
+    *before, _ = reports(error)
     assert all(re.match(r"\d+ of 60 tasks", line) for line in before), error
     run(sweeps.coins(**SETTINGS), tmp_path / "cut")
     assert sweeps.contents(tmp_path / "cut") == one
