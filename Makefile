@@ -20,7 +20,7 @@ GROUPS := bench docs lint test
 # Packages that the tests of ROS 2 need in its environments.
 ROS_PACKAGES := nav2 perception ros
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
-  --no-header -q $(PACKAGES:%=--no-emit-package wideberth-%)
+  --no-header -q --no-emit-package wideberth $(PACKAGES:%=--no-emit-package wideberth-%)
 # Of the extension modules, which an editable install builds beside them.
 C_SOURCES := $(wildcard framework/programs/*.[ch] solvers/riccati/core/*.[ch])
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
