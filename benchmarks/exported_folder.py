@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wideberth.benchmarks.recorded_instances import read_instances
-from wideberth.experiments.cli.export import solver_of, subject
+from wideberth.experiments.cli.export import exported_solver
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.paper import Paper
@@ -56,8 +56,7 @@ def planner(**settings: Any) -> Any:
 
 def exported(room: tuple[int, int, int] = (5, 0, 4), **settings: Any) -> ExportedSolver:
     """Export such a planner's solver with room for so many discs, polygons and corners."""
-    one = planner(**settings)
-    return solver_of(one, subject(one, room, "test, planner"))
+    return exported_solver(planner(**settings), room, "test, planner")
 
 
 @dataclass(frozen=True, eq=False)

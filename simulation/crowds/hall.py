@@ -174,6 +174,11 @@ class PeopleDraws:
     robot_radius: float
     speeds: tuple[float, float] | None = None
 
+    @staticmethod
+    def generator(case: int) -> np.random.Generator:
+        """Return the generator of a test case, from 0, in its first state."""
+        return np.random.default_rng(CASES + case)
+
     def ways(
         self, rng: np.random.Generator, persons: int
     ) -> list[tuple[float | None, Array, Array]]:

@@ -1,6 +1,5 @@
 """What robots perceived and believed in an episode, beside the truth."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, final
 
@@ -12,8 +11,6 @@ from .frames import RigidMotion
 
 GRAIN = 1e-3
 """m, to which the points of scans are rounded in a log."""
-NEAR = 1.0
-"""m; an obstacle that is believed farther from every body than this matches none."""
 
 
 class TrueBody(NamedTuple):
@@ -146,30 +143,6 @@ class PerceptionLog:
         """Return the newest glance at a time, s; None before the first."""
         known = [one for one in self.glances if one.truth.time <= time + 1e-9]
         return known[-1] if known else None
-
-
-def named(
-    places: Sequence[Array], idents: Sequence[str], bodies: Sequence[TrueBody]
-) -> dict[str, str]:
-    """Say who each believed obstacle is: the nearest body within `NEAR`, each body once.
-
-    Nearest pairs go first, so that of two beliefs in one body the better one has its name.
-    """
-    who = dict.fromkeys(idents, "")
-    if not places or not bodies:
-        return who
-    apart = np.linalg.norm(
-        np.array(places)[:, None] - np.array([one.position for one in bodies]), axis=2
-    )
-    taken: set[int] = set()
-    for flat in np.argsort(apart, axis=None, kind="stable"):
-        i, j = divmod(int(flat), len(bodies))
-        if apart[i, j] > NEAR:
-            break
-        if not who[idents[i]] and j not in taken:
-            who[idents[i]] = bodies[j].name
-            taken.add(j)
-    return who
 
 
 def _rounded(points: Array) -> Array:

@@ -12,7 +12,7 @@ from ...framework.values.arrays import Array, checked_choice, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon, separation
-from ..crowds.hall import CASES, Hall, Layout, PeopleDraws
+from ..crowds.hall import Hall, Layout, PeopleDraws
 from ..engine.agents import ReplayAgent, RobotAgent
 from ..engine.episode import run_episode
 from ..engine.settings import Settings
@@ -100,7 +100,7 @@ class Hallway(Scenario):
 
     def cast(self, seed: int) -> Cast:
         """Draw the people from the generator of CrowdSimPlus; nothing else is drawn."""
-        rng = np.random.default_rng(CASES + seed)
+        rng = PeopleDraws.generator(seed)
         placements = self.build(rng)
         return Cast(placements, self.people(rng, placements), (), self.polygons(rng))
 

@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from functools import cache
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import spec_from_file_location
@@ -66,7 +67,7 @@ class Watch:
         self._called.add(frame.f_code)
 
     def _name(self, code: CodeType) -> str:
-        path = self._modules.get(code.co_filename)
+        path = self._modules.get(_real(code.co_filename))
         return f"{path} {code.co_qualname.split('.<locals>')[0]}" if path else ""
 
 
@@ -97,13 +98,19 @@ def given(site: Site, module: CodeType) -> bool:
     gc.unfreeze()
     for one in gc.get_objects():
         # Not isinstance: it asks a weak reference's proxy for its class, which may be gone.
-        if type(one) is FunctionType and one.__code__.co_filename == path:
+        if type(one) is FunctionType and _real(one.__code__.co_filename) == path:
             old = one.__code__
             if old.co_qualname == new.co_qualname and old.co_freevars == new.co_freevars:
                 # A property's getter and setter share the name, not the line.
                 if old.co_firstlineno == new.co_firstlineno and old != new:
                     one.__code__, done = new, True
     return done
+
+
+@cache
+def _real(filename: str) -> str:
+    """Return the path of a file; an editable installation imports it through a link."""
+    return os.path.realpath(filename)
 
 
 def _code_of(code: CodeType, names: list[str]) -> CodeType | None:

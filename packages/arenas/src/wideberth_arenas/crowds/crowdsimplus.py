@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wideberth.framework.plugins.rvo2 import rvo2
 from wideberth.framework.values.arrays import Array, BoolArray
 from wideberth.simulation.crowds.base import STEP, Crowd
-from wideberth.simulation.crowds.hall import CASES, Hall, Layout, PeopleDraws, nearest
+from wideberth.simulation.crowds.hall import Hall, Layout, PeopleDraws, nearest
 
 Kind: TypeAlias = Literal["orca_plus", "sfm"]
 Outcome: TypeAlias = Literal["", "success", "timeout"]
@@ -123,7 +123,7 @@ class CrowdSimPlusCrowd(Crowd):
         self.lines: Array = self.hall.lines()
         self._kind = kind
         draws = PeopleDraws(self.hall, RADIUS, ROBOT_RADIUS, SPEEDS if attributes else None)
-        ways = draws.ways(np.random.default_rng(CASES + case), PEOPLE)
+        ways = draws.ways(draws.generator(case), PEOPLE)
         self.speeds: Array = np.array([SPEEDS[1] if v is None else v for v, _, _ in ways])
         self.starts: Array = np.stack([start for _, start, _ in ways])
         self.goals: Array = np.stack([goal for _, _, goal in ways])

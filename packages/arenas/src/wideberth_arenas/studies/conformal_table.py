@@ -21,12 +21,12 @@ from wideberth.framework.plugins.io import expanded
 from wideberth.framework.predictor import Fittable
 from wideberth.framework.tracking.recordings import read_tracks
 from wideberth.framework.values.arrays import positive, whole
-from wideberth.metrics.statistics import block_bootstrap
 from wideberth.simulation.scenarios.recorded_scene import FILES, PLAZA, SCENES
 
 from ..controllers.acp import AdaptiveConformalPlanner
 from ..controllers.fcp import FunctionalConformalPlanner
 from ..controllers.sampled_paths import SampledController
+from .block_bootstrap import block_bootstrap
 from .conformal_forecasts import PublishedForecasts
 from .conformal_protocol import MOST, PERSON, STANDING, RecordedCourse, drive
 from .field_rows import calibrated, unbroken

@@ -9,7 +9,7 @@ import numpy as np
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.yamlfile import shared_settings
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.tracking.forecaster import DT, Forecaster
+from wideberth.framework.tracking.forecaster import Forecaster
 from wideberth.framework.values.arrays import Array, positive
 from wideberth.framework.values.failures import caught
 from wideberth.framework.values.motion import Observation
@@ -101,8 +101,9 @@ class PeopleForecasts(CompositeController):
     def expected(self, observation: Observation, tick: Tick) -> ExpectedPeople | None:
         """Take note of what is seen, and forecast it; None where no people are known."""
         self._forecaster.take(observation, tick.pose[:2], tick.footprint.circumscribed)
-        steps = int(np.ceil(self.horizon / DT - 1e-9))
-        found = self._forecaster.at(observation.stamp, DT * np.arange(1.0, steps + 1.0))
+        dt = self._forecaster.dt
+        steps = int(np.ceil(self.horizon / dt - 1e-9))
+        found = self._forecaster.at(observation.stamp, dt * np.arange(1.0, steps + 1.0))
         if found is None:
             return None
         tracks, forecast = found

@@ -12,7 +12,9 @@ from wideberth.metrics.statistics import known_mean
 from wideberth.metrics.tracking import nees
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.log.frames import RigidMotion
-from wideberth.simulation.log.perception_log import Glance, named
+from wideberth.simulation.log.perception_log import Glance
+
+from .naming import named
 
 
 def perception_row(episode: Episode, since: float = 0.0) -> dict[str, Any]:

@@ -22,19 +22,14 @@ from wideberth.framework.values.sensing import (
     WheelSample,
 )
 from wideberth.simulation.log.frames import RigidMotion
-from wideberth.simulation.log.perception_log import (
-    Glance,
-    PerceptionLog,
-    TrueBody,
-    TrueStage,
-    named,
-)
+from wideberth.simulation.log.perception_log import Glance, PerceptionLog, TrueBody, TrueStage
 
 from ..handover import Batch, Handover
 from ..observed_state import own_state
 from ..state_estimator import Sample, StateEstimator, poses_at
 from ..walls import walls_behind
 from .cascade import PATIENCE, SensingPipeline
+from .naming import named
 
 STILL = 2e-3
 """rad between two samples of a wheel that stands: a tick of its encoder."""

@@ -15,8 +15,8 @@ from wideberth.framework.values.arrays import Array, positive
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.drawing import artists
 from wideberth.simulation.drawing.film import canvas_of
-from wideberth.simulation.drawing.logged import DrawnAgent, Logged
 from wideberth.simulation.drawing.saving import film_of
+from wideberth.simulation.log.episode_log import AgentLog, Episode
 
 from .body import LARGE, SkidSteerBody
 from .library import mujoco
@@ -39,7 +39,7 @@ _DOT, _TRAIL = 0.05, 0.02
 
 
 def film(
-    episode: Logged,
+    episode: Episode,
     *,
     rate: float = 10.0,
     speed: float = 4.0,
@@ -127,7 +127,7 @@ def _screen(size: tuple[int, int]) -> Any:
 class _Shown:
     """An agent of an episode, and where it stands in the arrays of MuJoCo."""
 
-    log: DrawnAgent
+    log: AgentLog
     color: Array  # (3,)
     place: slice  # of qpos, or of mocap_pos
     wheel: float  # m, radius; 0 for a person
@@ -137,7 +137,7 @@ class _Shown:
 class _Stage:
     """The bodies of an episode, put where they were at a time, and a picture of them."""
 
-    def __init__(self, episode: Logged, size: tuple[int, int], elevation: float) -> None:
+    def __init__(self, episode: Episode, size: tuple[int, int], elevation: float) -> None:
         _check(episode, size, elevation)
         library = mujoco()
         self._episode, self._size = episode, size
@@ -244,7 +244,7 @@ class _Stage:
         scene.ngeom += 1
 
 
-def _check(episode: Logged, size: tuple[int, int], elevation: float) -> None:
+def _check(episode: Episode, size: tuple[int, int], elevation: float) -> None:
     """Refuse what cannot be filmed.
 
     Raises
@@ -263,7 +263,7 @@ def _check(episode: Logged, size: tuple[int, int], elevation: float) -> None:
         raise WideberthError(f"elevation is {elevation:g}; wanted degrees above 0, at most 90")
 
 
-def _scene(episode: Logged) -> PhysicalScene:
+def _scene(episode: Episode) -> PhysicalScene:
     """Return bodies for all agents: robots of their radius, and cylinders for all others."""
     robots = tuple(
         PhysicalRobot(f"r{index}", _body(log))
@@ -277,7 +277,7 @@ def _scene(episode: Logged) -> PhysicalScene:
     return PhysicalScene(robots, people, walls)
 
 
-def _body(log: DrawnAgent) -> SkidSteerBody:
+def _body(log: AgentLog) -> SkidSteerBody:
     """Return the large body at the scale of a robot, as a box if it has a footprint."""
     scale = log.radius / LARGE.radius
     lengths = (
@@ -298,7 +298,7 @@ def _distance(model: Any, span: Array, size: tuple[int, int], elevation: float) 
     return float(max(across, upright))
 
 
-def _way(episode: Logged, log: DrawnAgent, time: float) -> float:
+def _way(episode: Episode, log: AgentLog, time: float) -> float:
     """Return the length of an agent's way until a time, m."""
     way = log.positions[episode.times <= time, :2]
     steps = np.hypot(*np.diff(way, axis=0).T)

@@ -12,7 +12,7 @@ import numpy as np
 
 from wideberth.controllers.reactive import Reactive
 from wideberth.experiments import Result, Row, Task, TaskOutcome, reduced, subplots
-from wideberth.experiments.drawing.plotting import PAGE, few, legend_below, number, style
+from wideberth.experiments.drawing.plotting import PAGE, few, legend_below, style
 from wideberth.experiments.engine.closed_loop import column, condense, outcome
 from wideberth.experiments.engine.errors import as_user_error
 from wideberth.experiments.studies.episode_statistics import with_interval
@@ -406,7 +406,7 @@ def _short(row: Row) -> str:
 
 
 def _signed(value: float) -> str:
-    return number(value, "+.2g")
+    return f"{value:+.2g}".replace("-", "\N{MINUS SIGN}")
 
 
 MARKERS = "osD^v"
