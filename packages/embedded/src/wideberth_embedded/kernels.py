@@ -2,8 +2,7 @@
 
 from typing import Any
 
-import casadi as ca
-
+from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.robot import SymbolicDrive, step
 from wideberth.framework.values.motion import Pose, Twist
 from wideberth.solvers.export.constants import planner_constants

@@ -14,14 +14,14 @@ from wideberth.framework.robot import step
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import MotionEstimate, Sample
+from wideberth.framework.values.sensing import MotionEstimate
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 from wideberth_perception.detection.discs import DiscDetector
-from wideberth_perception.state_estimator import StateEstimator
+from wideberth_perception.state_estimator import Sample, StateEstimator
 
 pytest.importorskip("mujoco", reason="pip install 'wideberth[perception]'")
 from wideberth_perception.cascade.cascade import SensingPipeline

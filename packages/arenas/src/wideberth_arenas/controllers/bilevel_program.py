@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from wideberth.framework.mpc.planner.rollout import follow
+from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.robot import Robot, step
 from wideberth.framework.values.arrays import Array, Scalar
 from wideberth.framework.values.polygon import Polygon

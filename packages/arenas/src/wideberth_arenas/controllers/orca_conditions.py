@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
+from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.values.arrays import Array
 
 SLACK_WEIGHT = 100.0
