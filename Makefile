@@ -129,8 +129,8 @@ graph: .venv/ready      ## draw which groups of modules import which
 lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	$(LOCK) $(EXTRAS:%=--extra %) $(GROUPS:%=--group %) -o requirements.lock
 	for distribution in kilted jazzy; do \
-	  $(LOCK) packages/ros/pyproject.toml packages/arenas/pyproject.toml -c requirements.lock --extra $$distribution \
-	    -o packages/ros/tests/$$distribution.lock; done
+	  $(LOCK) packages/ros/pyproject.toml packages/arenas/pyproject.toml -c requirements.lock \
+	    --extra $$distribution -o packages/ros/tests/$$distribution.lock; done
 
 .venv/ready: pyproject.toml $(PACKAGES:%=packages/%/pyproject.toml) requirements.lock setup.py $(C_SOURCES)
 	@echo "set-up: installing what requirements.lock lists into .venv, some minutes the first time"
