@@ -18,7 +18,7 @@ TESTS := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reord
 EXTRAS := all cluster
 GROUPS := bench docs lint test
 # Packages that the tests of ROS 2 need in its environments.
-ROS_PACKAGES := nav2 perception ros
+ROS_PACKAGES := arenas nav2 perception ros
 LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
   --no-header -q --no-emit-package wideberth $(PACKAGES:%=--no-emit-package wideberth-%)
 # Of the extension modules, which an editable install builds beside them.
@@ -129,8 +129,8 @@ graph: .venv/ready      ## draw which groups of modules import which
 lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	$(LOCK) $(EXTRAS:%=--extra %) $(GROUPS:%=--group %) -o requirements.lock
 	for distribution in kilted jazzy; do \
-	  $(LOCK) packages/ros/pyproject.toml -c requirements.lock --extra $$distribution \
-	    -o packages/ros/tests/$$distribution.lock; done
+	  $(LOCK) packages/ros/pyproject.toml packages/arenas/pyproject.toml -c requirements.lock \
+	    --extra $$distribution -o packages/ros/tests/$$distribution.lock; done
 
 .venv/ready: pyproject.toml $(PACKAGES:%=packages/%/pyproject.toml) requirements.lock setup.py $(C_SOURCES)
 	@echo "set-up: installing what requirements.lock lists into .venv, some minutes the first time"

@@ -15,9 +15,9 @@ from wideberth.simulation.log.perception_log import (
     PipelineStop,
     TrueBody,
     TrueStage,
-    named,
 )
 from wideberth_perception.cascade.measures import perception_row
+from wideberth_perception.cascade.naming import named
 
 RNG = np.random.default_rng(0)
 

@@ -23,7 +23,7 @@ LONGEST = 1800
 OVERLAY = (
     "import json, sys\n"
     "before = set(sys.path)\n"
-    "from wideberth.tests.helpers import compile_messages\n"
+    "from wideberth.packages.ros.tests.helpers import compile_messages\n"
     "print(json.dumps([place for place in sys.path if place not in before]))"
 )
 
