@@ -90,27 +90,6 @@ class Scan:
             farthest = min(self.longest, FARTHEST)
             return np.asarray((self.ranges > 0.0) & (self.ranges <= farthest))
 
-
-@dataclass(frozen=True, eq=False)
-class PlacedScan:
-    """A scan, and where the robot stood when its last beam was cast.
-
-    Attributes
-    ----------
-    scan : as it was measured.
-    pose : (3,), x, y in m and heading in rad of the robot, as it believes.
-
-    Raises
-    ------
-    WideberthError : a pose of another shape, or one that is not finite.
-    """
-
-    scan: Scan
-    pose: Array
-
-    def __init__(self, scan: Scan, pose: ArrayLike) -> None:
-        settle(self, scan=scan, pose=checked("placed_scan.pose", pose, (3,)))
-
     def beams(self, poses: Array) -> "Beams":
         """Place each beam by the pose of its own instant, which takes the robot's motion out.
 
@@ -142,6 +121,27 @@ class PlacedScan:
         ends = origins + ranges[:, None] * unit
         ends[~(np.abs(ends) <= FARTHEST).all(axis=1)] = np.nan
         return Beams(origins, directions, ends)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedScan:
+    """A scan, and where the robot stood when its last beam was cast.
+
+    Attributes
+    ----------
+    scan : as it was measured.
+    pose : (3,), x, y in m and heading in rad of the robot, as it believes.
+
+    Raises
+    ------
+    WideberthError : a pose of another shape, or one that is not finite.
+    """
+
+    scan: Scan
+    pose: Array
+
+    def __init__(self, scan: Scan, pose: ArrayLike) -> None:
+        settle(self, scan=scan, pose=checked("placed_scan.pose", pose, (3,)))
 
 
 @dataclass(frozen=True, eq=False)
