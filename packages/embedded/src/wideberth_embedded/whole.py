@@ -7,8 +7,8 @@ from wideberth.framework.mpc.planner.planner import Planner
 
 from .files import bundle
 from .kernels import kernels
-from .supported import refuse
-from .tables import CORNERS, NAV2, ExportedPlanner
+from .supported import CORNERS, refuse
+from .tables import NAV2, ExportedPlanner
 
 
 def planner_in_c(

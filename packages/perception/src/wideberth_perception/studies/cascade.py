@@ -243,9 +243,7 @@ class CascadeStudy(SeededStudy):
             episode = Episode.from_bytes(result.read(_file(case, seed)))
             called = self.figure_name(case.label.replace(" ", "_"), seed, self.show)
             planner = self.planners[case.planner]
-            yield from self.episode_pictures(
-                called, episode, planner, self.tail, self.view_distance, i == 0
-            )
+            yield from self.episode_pictures(called, episode, planner, self.view_distance, i == 0)
 
     def quick(self) -> Self:
         """One seed; of what is combined one scenario and two of each; of cases two."""
