@@ -230,12 +230,13 @@ YIELDED = re.compile(r'yield \(?\s*f?"([\w{}.]+)"')
 """Name of a picture that a generator yields."""
 
 
-def shared(pictures: Callable[..., object]) -> set[str]:
+def shared(pictures: Callable[..., object], study: type) -> set[str]:
     """Return the names of the pictures that a study has from generators that it shares."""
     found: set[str] = set()
-    for inner in re.findall(r"yield from (\w+)\(", inspect.getsource(pictures)):
-        function = getattr(sys.modules[pictures.__module__], inner)
-        found |= {*YIELDED.findall(inspect.getsource(function)), *shared(function)}
+    for inner in re.findall(r"yield from ([\w.]+)\(", inspect.getsource(pictures)):
+        home, name = sys.modules[pictures.__module__], inner.removeprefix("self.")
+        function = getattr(home if name == inner else study, name)
+        found |= {*YIELDED.findall(inspect.getsource(function)), *shared(function, study)}
     return found
 
 
@@ -245,7 +246,7 @@ def test_every_study_says_what_its_figures_show(name: str) -> None:
     for words in study.captions.values():
         assert words[0].isupper() and words.endswith(".") and len(words) < 200
     own = set(YIELDED.findall(inspect.getsource(sys.modules[study.__module__])))
-    others = shared(study.pictures) - own  # some of them are drawn for some studies alone
+    others = shared(study.pictures, study) - own  # some of them are drawn for some studies alone
     every = [
         pattern for one in names("experiments") for pattern in load("experiments", one).captions
     ]

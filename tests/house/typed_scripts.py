@@ -4,6 +4,7 @@ README, pages, tutorials, gallery and examples stand in a folder of their own, a
 do, and are checked against the wideberth that a Python has installed: typed_scripts.py [PYTHON].
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -30,8 +31,12 @@ def check(python: Path) -> int:
     with tempfile.TemporaryDirectory() as name:
         for file, text in scripts().items():
             (Path(name) / file).write_text(text, encoding="utf-8")
-        pyright = Path(sys.executable).with_name("pyright")
-        return subprocess.run([pyright, "--pythonpath", python.absolute()], cwd=name).returncode
+        command = [Path(sys.executable).with_name("pyright"), "--pythonpath", python.absolute()]
+        environment = dict(os.environ)
+        if python == Path(sys.executable):  # packages of a checkout are found by an import hook
+            sources = map(str, sorted(ROOT.glob("packages/*/src")))
+            environment["PYTHONPATH"] = os.pathsep.join(sources)
+        return subprocess.run(command, cwd=name, env=environment).returncode
 
 
 if __name__ == "__main__":
