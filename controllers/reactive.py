@@ -1,6 +1,6 @@
 """The base of controllers without a horizon, which react to the present observation."""
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from typing import ClassVar
@@ -128,11 +128,19 @@ class Neighbours:
         return _Sight(*known, detection.radius, self._stamp)
 
 
+class Preparing(ABC):
+    """Has something to build before the first decision, which would take too long within it."""
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Build it; `Reactive.set_path` calls this."""
+
+
 @dataclass(eq=False)
 class Reactive(Controller):
     """Controls a robot in the plane from the present observation, without a plan.
 
-    A subclass gives `decide`, and may give `prepare`; it may keep the velocity that
+    A subclass gives `decide`, and `prepare` if it is `Preparing`; it may keep the velocity that
     it chose last as ``_velocity``, which `reset` sets to None. An exception in `decide`
     becomes the command to stand still, and `reason` says why.
 
@@ -186,12 +194,9 @@ class Reactive(Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
         self._guide.follow(checked_path(self.robot, path))
-        with suppress(Exception):  # it goes wrong again in `decide`, which says so
-            self.prepare()
-
-    def prepare(self) -> None:
-        """Build what would take too long within the first decision; `set_path` calls this."""
-        return
+        if isinstance(self, Preparing):
+            with suppress(Exception):  # it goes wrong again in `decide`, which says so
+                self.prepare()
 
     @property
     def last_plan(self) -> Plan | None:

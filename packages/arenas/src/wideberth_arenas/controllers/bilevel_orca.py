@@ -5,7 +5,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from wideberth.controllers.reactive import Reactive
+from wideberth.controllers.reactive import Preparing, Reactive
 from wideberth.controllers.steering import limited, steer, velocity_of
 from wideberth.framework.control.command_limits import within_bounds
 from wideberth.framework.mpc.planner.rollout import brake, follow, shift
@@ -22,7 +22,7 @@ MOST_PEOPLE = 10
 
 @final
 @dataclass(eq=False)
-class BilevelOrca(Reactive):
+class BilevelOrca(Reactive, Preparing):
     """Plans its own way and the people's answers in one programme: each answers by ORCA.
 
     The upper level is a model predictive controller of the robot. The lower level is a programme
