@@ -12,7 +12,7 @@ from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import Scan
 from wideberth_perception.physics.body import LARGE, SkidSteerBody
-from wideberth_perception.physics.library import mujoco
+from wideberth_perception.physics.mujoco_module import mujoco
 from wideberth_perception.physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from wideberth_perception.physics.sensors import InertialUnit, Lidar, WheelEncoders
 from wideberth_perception.physics.world import PhysicsWorld

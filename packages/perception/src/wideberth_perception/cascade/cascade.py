@@ -9,7 +9,7 @@ from wideberth.framework.values.errors import WideberthError
 
 from ..detector import Detector
 from ..physics.body import LARGE, SkidSteerBody
-from ..physics.library import check_mujoco
+from ..physics.mujoco_module import check_mujoco
 from ..physics.sensors import InertialUnit, Lidar, WheelEncoders
 from ..physics.slip import slip_of
 from ..state_estimator import StateEstimator

@@ -19,8 +19,8 @@ from wideberth.simulation.drawing.saving import film_of
 from wideberth.simulation.log.episode_log import AgentLog, Episode
 
 from .body import LARGE, SkidSteerBody
-from .library import mujoco
 from .mjcf import mjcf
+from .mujoco_module import mujoco
 from .scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from wideberth.framework.values.sensing import InertialSample
 
 from ..state_estimator import Sample
 from .body import SkidSteerBody
-from .library import collected_warnings, mujoco
 from .mjcf import HULL, SEEN, mjcf
+from .mujoco_module import collected_warnings, mujoco
 from .scene import PhysicalRobot, PhysicalScene
 from .sensors import BodyState, Sampler
 from .slip import slip_of

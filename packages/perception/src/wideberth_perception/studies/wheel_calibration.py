@@ -22,7 +22,7 @@ from ..physics.calibration import (
     measured,
     suggested_yaw_gain,
 )
-from ..physics.library import mujoco
+from ..physics.mujoco_module import mujoco
 
 CONES = ("pyramidal", "elliptic")
 MARKERS = "osD^vP"
