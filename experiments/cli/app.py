@@ -716,17 +716,17 @@ def film(
     from ..engine.progress import working
     from ..engine.result import read_episode
 
-    _, found = kept_episodes(episode, "filmed")
-    written = expanded(out) if out else Path(f"{found[0].stem}.gif")
+    _, episodes = kept_episodes(episode, "filmed")
+    written = expanded(out) if out else Path(f"{episodes[0].stem}.gif")
     check_target(written, "GIF8" if written.suffix == ".gif" else "")
-    log = read_episode(found[0])
+    log = read_episode(episodes[0])
     try:
-        made = function("film", "a film in space")(log)
+        animation = function("film", "a film in space")(log)
     except WideberthError as error:
         typer.echo(f"{error}\nIt is filmed from above instead.")
-        made = log.animate()
+        animation = log.animate()
     with working("drawing the frames"):
-        made.save(written)
+        animation.save(written)
     typer.echo(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")
 
 

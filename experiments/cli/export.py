@@ -127,12 +127,12 @@ def exported_solver(planner: Planner, sizes: tuple[int, int, int], source: str) 
 
     The solver is `riccati`, with the planner's settings where it is the planner's own.
     """
-    one = subject(planner, sizes, source)
+    exported = subject(planner, sizes, source)
     settings = planner.solver if isinstance(planner.solver, Riccati) else Riccati()
     aims = tuple(_aim(planner, kind, slots) for kind, slots in zip(
-        planner.kinds, one.problem.slots, strict=True
+        planner.kinds, exported.problem.slots, strict=True
     ))  # fmt: skip
-    return ExportedSolver(one, settings, planner.margin, planner.reference_speed, aims)
+    return ExportedSolver(exported, settings, planner.margin, planner.reference_speed, aims)
 
 
 def _aim(planner: Planner, kind: SlotKind, slots: Slots) -> Array | None:

@@ -28,10 +28,10 @@ class CommandGroup(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; of an installed package, until it is called, its name and help."""
-        found = super().get_command(ctx, cmd_name)
-        if found is None and cmd_name in _installed():
+        command = super().get_command(ctx, cmd_name)
+        if command is None and cmd_name in _installed():
             return TyperCommand(cmd_name, help=_help_line(_installed()[cmd_name]))
-        return found
+        return command
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Import the command that is called.
@@ -71,15 +71,15 @@ def _imported(entry: EntryPoint) -> Any:
     WideberthError : its module cannot be imported, or what it names is no ``typer.Typer``.
     """
     try:
-        found = entry.load()
+        command_app = entry.load()
     except Exception as error:  # a third party's package may fail in any way
         raise WideberthError(
             f"command {entry.name!r} comes from the distribution {distribution(entry)!r}, and "
             f"{unimportable(entry.module, error)}; mend or uninstall it"
         ) from error
-    if not isinstance(found, typer.Typer):
+    if not isinstance(command_app, typer.Typer):
         raise WideberthError(f"command {entry.name!r}: {entry.value!r} is no typer.Typer")
-    command = typer.main.get_command(found)
+    command = typer.main.get_command(command_app)
     command.name = entry.name
     return command
 

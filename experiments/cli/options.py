@@ -63,8 +63,8 @@ def result_folder(name: str) -> Path:
     ['results/tuning', 'results/tuning', 'old/tuning']
     """
     folder = expanded(name)
-    own = len(folder.parts) > 1 and folder.suffix not in (".yaml", ".yml")
-    return folder if own or (folder / "config.yaml").is_file() else result_place(folder.stem)
+    is_folder = len(folder.parts) > 1 and folder.suffix not in (".yaml", ".yml")
+    return folder if is_folder or (folder / "config.yaml").is_file() else result_place(folder.stem)
 
 
 def kept_episodes(episode: str, done: str) -> tuple[Path, list[Path]]:
@@ -73,7 +73,7 @@ def kept_episodes(episode: str, done: str) -> tuple[Path, list[Path]]:
 
     path = expanded(episode)
     path = path if path.exists() else result_folder(episode)
-    found = find_episodes(path)
-    if done and len(found) > 1:
-        typer.echo(f"{found[0]} is {done}, the first of {len(found)}")
-    return path, found
+    episodes = find_episodes(path)
+    if done and len(episodes) > 1:
+        typer.echo(f"{episodes[0]} is {done}, the first of {len(episodes)}")
+    return path, episodes

@@ -75,7 +75,7 @@ def shipped_text(name: str) -> str:
     ------
     WideberthError : no config of this name is shipped.
     """
-    if name not in shipped():
+    if name not in _shipped():
         raise WideberthError(absent("configs", name) or _unknown(name))
     return _shipped()[name].read_text(encoding="utf-8")
 
@@ -90,7 +90,7 @@ def config_path(text: str) -> Path:
     path = Path(text)
     if path.is_file():
         return path
-    if text in shipped():
+    if text in _shipped():
         return _shipped()[text]
     if path.is_dir():
         raise WideberthError(f"{path} is a folder; wanted a YAML file or a shipped config")

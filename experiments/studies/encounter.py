@@ -79,10 +79,8 @@ class Encounter(OnePlaceStudy):
         for i, (name, controller) in enumerate(self.planners.items()):
             for seed in self.show:
                 episode = Episode.from_bytes(result.read(f"run-{name}-{seed}.npz"))
-                called, film = (
-                    self.figure_name(name, seed, self.show),
-                    i == 0 and seed == self.show[0],
-                )
+                called = self.figure_name(name, seed, self.show)
+                film = i == 0 and seed == self.show[0]
                 yield from self.episode_pictures(
                     called, episode, controller, self.view_distance, film
                 )

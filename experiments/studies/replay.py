@@ -201,10 +201,8 @@ class Replay(SeededStudy):
         for i, (name, controller) in enumerate(self.planners.items()):
             for seed in self.show:
                 episode = Episode.from_bytes(result.read(f"replay-{name}-{seed}.npz"))
-                called, film = (
-                    self.figure_name(name, seed, self.show),
-                    i == 0 and seed == self.show[0],
-                )
+                called = self.figure_name(name, seed, self.show)
+                film = i == 0 and seed == self.show[0]
                 yield from self.episode_pictures(called, episode, controller, film=film)
 
     def quick(self) -> Self:

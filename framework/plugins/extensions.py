@@ -103,10 +103,10 @@ def function(name: str, need: str) -> Any:
     WideberthError : no installed package offers it; the message says how to install the one that
         does.
     """
-    found = installed("functions").get(name)
-    if found is None:
+    entry = installed("functions").get(name)
+    if entry is None:
         raise WideberthError(f"{need}: {absent('functions', name) or f'no package has {name!r}'}")
-    return found.load()
+    return entry.load()
 
 
 def absent(kind: str, name: str) -> str:

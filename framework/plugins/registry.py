@@ -351,8 +351,8 @@ def home_of(found: type) -> str | None:
     room, home = room_of(found), found.__module__
     if room is None or home == "__main__" or home.partition(".")[0] == "wideberth":
         return None
-    own = {class_path(other) for other in _registered[room].values()}
-    return home if class_path(found) in own else None
+    registered = {class_path(other) for other in _registered[room].values()}
+    return home if class_path(found) in registered else None
 
 
 def room_of(found: type) -> str | None:

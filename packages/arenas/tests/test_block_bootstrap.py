@@ -10,13 +10,13 @@ from wideberth_arenas.studies.block_bootstrap import block_bootstrap
 def test_blocks_of_one_are_the_bootstrap_of_values() -> None:
     """With as many blocks as values the interval and p are the normal law's, for many values."""
     values = np.random.default_rng(4).normal(0.05, 1.0, 2000)
-    found = block_bootstrap(values, range(2000), np.random.default_rng(5), 20000)
+    interval = block_bootstrap(values, range(2000), np.random.default_rng(5), 20000)
     error = values.std() / np.sqrt(len(values))
-    assert found.low == pytest.approx(values.mean() - 1.96 * error, abs=0.1 * error)
-    assert found.high == pytest.approx(values.mean() + 1.96 * error, abs=0.1 * error)
+    assert interval.low == pytest.approx(values.mean() - 1.96 * error, abs=0.1 * error)
+    assert interval.high == pytest.approx(values.mean() + 1.96 * error, abs=0.1 * error)
     from scipy.stats import norm
 
-    assert found.p_value == pytest.approx(2 * norm.sf(values.mean() / error), rel=0.15)
+    assert interval.p_value == pytest.approx(2 * norm.sf(values.mean() / error), rel=0.15)
 
 
 def test_blocks_whose_values_agree_count_as_one_each() -> None:

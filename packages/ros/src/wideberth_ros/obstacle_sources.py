@@ -380,7 +380,7 @@ class ScanSource:
             if not isinstance(found, str):
                 scan, poses = found
                 ends = scan.beams(poses).ends
-                instant = float(found[0].times[-1])
+                instant = float(scan.times[-1])
                 self._met = newest, ends[np.isfinite(ends).all(axis=1)], instant
         return self._met[1:]
 

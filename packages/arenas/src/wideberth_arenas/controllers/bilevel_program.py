@@ -48,7 +48,7 @@ NOWHERE = 1e3
 
 @dataclass(frozen=True)
 class OrcaRules:
-    """What a programme has as fixed numbers; see `wideberth_arenas.controllers.bilevel_orca`."""
+    """Fixed numbers of a programme; see `wideberth_arenas.controllers.bilevel_orca`."""
 
     horizon: int
     dt: float

@@ -47,21 +47,21 @@ def block_bootstrap(
 
     Examples
     --------
-    >>> found = block_bootstrap([1.0, 2.0, 3.0], ["a", "a", "b"], np.random.default_rng(0))
-    >>> found.mean, found.low, found.high
+    >>> result = block_bootstrap([1.0, 2.0, 3.0], ["a", "a", "b"], np.random.default_rng(0))
+    >>> result.mean, result.low, result.high
     (2.0, 1.5, 3.0)
     """
-    known = checked("differences", np.asarray(differences, dtype=np.float64), (len(blocks),))
+    values = checked("differences", np.asarray(differences, dtype=np.float64), (len(blocks),))
     whole("resamples", resamples)
-    if not len(known):
+    if not len(values):
         unknown = float("nan")
         return PairedMean(unknown, unknown, unknown, 1.0)
     names = {block: i for i, block in enumerate(dict.fromkeys(blocks))}
     member = [names[block] for block in blocks]
-    sums, counts = np.bincount(member, known), np.bincount(member)
+    sums, counts = np.bincount(member, values), np.bincount(member)
     drawn = rng.integers(len(names), size=(resamples, len(names)))
     means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-    mean, (low, high) = float(known.mean()), np.quantile(means, (0.025, 0.975))
+    mean, (low, high) = float(values.mean()), np.quantile(means, (0.025, 0.975))
     opposite = int(np.sum(means <= 0.0 if mean > 0.0 else means >= 0.0))
     p_value = min(1.0, max(2.0 * (opposite + 1) / (resamples + 1), 2.0 ** (1 - len(names))))
     return PairedMean(mean, float(low), float(high), p_value)

@@ -31,10 +31,12 @@ def bag(
 
     from .episode_bag import write_episode_bag
 
-    _, found = kept_episodes(episode, "written")
-    written = expanded(out) if out else Path(found[0].stem)
+    _, episodes = kept_episodes(episode, "written")
+    written = expanded(out) if out else Path(episodes[0].stem)
     with working("writing the recording"):
-        counted = write_episode_bag(found[0], written, distribution=distribution, storage=storage)
+        counted = write_episode_bag(
+            episodes[0], written, distribution=distribution, storage=storage
+        )
     for topic, count in sorted(counted.items()):
         typer.echo(f"  {topic}: {count}")
     typer.echo(f"written: {written}")
