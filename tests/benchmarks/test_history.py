@@ -151,7 +151,7 @@ def test_the_picture_of_one_row_and_of_many(
 def test_the_work_is_done_and_what_cannot_be_done_has_a_reason() -> None:
     """A process answers one line for each; it needs nothing but a checkout."""
     root = FOLDER.parents[1]
-    link = root / ".venv" / "link"
+    link = root / ".editable"
     done = subprocess.run(
         [sys.executable, str(FOLDER / "work.py"), str(link / "wideberth")],
         input="unit\nfilter\nnothing\nrisk\n",
@@ -168,7 +168,7 @@ def test_another_checkout_than_the_one_asked_for_is_refused(tmp_path: Path) -> N
     other = tmp_path / "wideberth"
     other.mkdir()
     (other / "__init__.py").write_text('"""Another one."""\n')
-    link = FOLDER.parents[1] / ".venv" / "link"
+    link = FOLDER.parents[1] / ".editable"
     for path, error in ((tmp_path, ""), (link, "this measures")):
         done = subprocess.run(
             [sys.executable, str(FOLDER / "work.py"), str(other)],

@@ -65,7 +65,7 @@ def test_a_planner_may_have_room_for_nobody() -> None:
 def test_a_noise_is_logged_at_first_and_where_it_has_changed_by_a_fifth(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    caplog.set_level(logging.INFO, "wideberth_perception")
+    caplog.set_level(logging.INFO, "wideberth.perception")
     logged: dict[str, float] = {}
     for deviation in (0.0, 0.1, 0.115, 0.13, 0.15, 0.11, 0.1):
         found = SimpleNamespace(

@@ -246,6 +246,7 @@ class Robot:
             "commands": self.commands, "gap": self.gap, "came": self.came, "stamp": self.stamp,
             "clearance": float(away.min()) - 2 * RADIUS, "status": self.status, "said": self.said,
             "ends": self.ends, "feedback": self.feedback,
+            "read": self.fixed.get_subscription_count() > 0,
         }  # fmt: skip
         self.out.write(json.dumps(row) + "\n")
         self.out.flush()

@@ -16,6 +16,8 @@ NO_PEOPLE = ("--set", "node.sees=null")
 def test_goals_of_follow_path(network: Network, factor: float) -> None:
     robot = network.robot("--factor", factor)
     node = network.node(ROOT / "examples/node.yaml", *NO_PEOPLE, *SIMULATED)
+    robot.until(lambda row: row["read"])  # a goal in a frame that it does not know is refused
+    robot.says("waiting for a path")
     robot.says("waiting for a path")
 
     robot.say("action 0 0 2 0")
