@@ -25,7 +25,7 @@ LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --
 C_SOURCES := $(wildcard framework/programs/*.[ch] solvers/riccati/core/*.[ch])
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test test-core ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph lock
+.PHONY: help demo test test-core ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph size lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -125,6 +125,9 @@ notebooks: .venv/ready  ## write the tutorials as notebooks, which Colab opens
 
 graph: .venv/ready      ## draw which groups of modules import which
 	$(BIN)/python docs/draw_import_graph.py
+
+size: .venv/ready       ## print the lines of code of each folder beside its limit
+	$(BIN)/python -m wideberth.tests.house.size
 
 lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	$(LOCK) $(EXTRAS:%=--extra %) $(GROUPS:%=--group %) -o requirements.lock
