@@ -10,7 +10,6 @@ _NAMES = {
     "mpc.ocp.bodies": "Body BodyPath bodies body_starts",
     "mpc.ocp.problem": "SlotNumbers Slots",
     "mpc.ocp.stage": "Frame slots_of",
-    "mpc.planner.recommended": "recommended",
     "mpc.planner.rollout": "steer",
     "mpc.planner.rungs": "FallbackRung NotHeld",
     "mpc.slots.base": """

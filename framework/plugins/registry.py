@@ -90,7 +90,7 @@ ROOMS: Mapping[str, Room] = Rooms({
             "linearized_chance": "wideberth.controllers.presets:linearized_chance",
             "lmpcc": "wideberth.controllers.presets:lmpcc",
             "mpc_constant_velocity": "wideberth.controllers.presets:mpc_constant_velocity",
-            "recommended": f"{_FRAMEWORK}.mpc.planner.recommended:completed",
+            "recommended": "wideberth.controllers.recommended:completed",
         },
     ),
     "route_planners": Room("wideberth.routes", f"{_FRAMEWORK}.route_planner:RoutePlanner"),

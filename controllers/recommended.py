@@ -6,21 +6,21 @@ from dataclasses import fields, is_dataclass
 from math import ceil
 from typing import Any
 
-from ...control.command_limits import broken_limit
-from ...plugins.config import build, describe
-from ...plugins.njit import LOG
-from ...plugins.registry import choices, load
-from ...plugins.yamlfile import shared_settings
-from ...robot import Robot, SpeedLimited, start_state, step
-from ...values.arrays import positive
-from ...values.errors import WideberthError, short
-from ...values.motion import Command, Twist
-from ..costs.base import Weights
-from ..costs.contouring import Contouring
-from ..costs.smooth_tracking import SmoothTracking
-from ..costs.tracking import Tracking
-from .planner import Planner
-from .settings import PlannerSettings, doubts
+from ..framework.control.command_limits import broken_limit
+from ..framework.mpc.costs.base import Weights
+from ..framework.mpc.costs.contouring import Contouring
+from ..framework.mpc.costs.smooth_tracking import SmoothTracking
+from ..framework.mpc.costs.tracking import Tracking
+from ..framework.mpc.planner.planner import Planner
+from ..framework.mpc.planner.settings import PlannerSettings, doubts
+from ..framework.plugins.config import build, describe
+from ..framework.plugins.njit import LOG
+from ..framework.plugins.registry import choices, load
+from ..framework.plugins.yamlfile import shared_settings
+from ..framework.robot import Robot, SpeedLimited, start_state, step
+from ..framework.values.arrays import positive
+from ..framework.values.errors import WideberthError, short
+from ..framework.values.motion import Command, Twist
 
 SPEED, STEP = 0.5, 0.5
 """m/s and s: the speed and the step that the weights of `Weights` are made for (the paper's)."""

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from wideberth import Path, WideberthError, build, recommended
+from wideberth.controllers.recommended import completed, slow_aside
 from wideberth.experiments.cli.export import planners
 from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
 from wideberth.framework.control.rate_limited_warnings import WARNINGS
 from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
-from wideberth.framework.mpc.planner.recommended import completed, slow_aside
 from wideberth.framework.mpc.planner.settings import PlannerSettings, doubts
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.plugins.registry import load, names
@@ -227,6 +227,6 @@ def test_it_passes_a_walker_and_arrives(
     robot: str, speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At the paper's weights a robot of 1 m/s circles its goal instead."""
-    monkeypatch.syspath_prepend(str(File(__file__).parents[3] / "benchmarks"))
+    monkeypatch.syspath_prepend(str(File(__file__).parents[2] / "benchmarks"))
     found = import_module("recommended_arrives").drive(recommended(robot, speed, quiet=True), True)
     assert found.time < 1.3 and found.way < 1.2 and found.clearance > 0.1
