@@ -25,6 +25,7 @@ from .registry import (
     import_named,
     load,
     name_of,
+    named,
     recipe,
     room_name,
     room_of,
@@ -37,6 +38,9 @@ LONGEST_NAME = 48
 """Bytes of a name in a config; up to five of them make the name of a file."""
 ADVICE = "advice"
 """Key of a dataclass field's metadata: what to write where a config lacks the field."""
+IMPLEMENTED = "implemented"
+"""Key of a dataclass field's metadata: "module:Class" that a mapping in a config makes, where the
+field's type is an interface without a room."""
 _SEQUENCES = (tuple, list, Sequence)
 _MAPPINGS = (dict, Mapping)
 
@@ -173,8 +177,10 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     arguments = {}
     for name, field in fields.items():
         if name in settings:
-            place = _join(path, name)
-            arguments[name] = _convert(hints[name], settings[name], place, _default(field))
+            hint, place = hints[name], _join(path, name)
+            if IMPLEMENTED in field.metadata and isinstance(settings[name], Mapping):
+                hint = named(target := field.metadata[IMPLEMENTED], (target,))
+            arguments[name] = _convert(hint, settings[name], place, _default(field))
         else:
             _check_default(found, field, hints[name], path)
     try:

@@ -31,7 +31,7 @@ AREAS: dict[str, list[str]] = {
     ],
     "ladder": [
         f"{MPC}/planner/giving_way.py", f"{MPC}/planner/rungs.py", f"{MPC}/planner/verify.py",
-        f"{MPC}/diagnosis/explain.py",
+        "controllers/diagnosis/explain.py",
     ],
     "filling": [
         *(f"{MPC}/slots/{name}.py" for name in ("base", "gaussian_discs", "static_polygons")),

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.diagnosis.explain import SolveRecord
-from wideberth.framework.mpc.diagnosis.solve_record import read_solve, write_solve
+from wideberth.controllers.diagnosis.explain import SolveRecord
+from wideberth.controllers.diagnosis.solve_record import read_solve, write_solve
 from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
 from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.planner.verify import violation

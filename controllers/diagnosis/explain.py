@@ -6,24 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from ...plugins.config import build, describe
-from ...plugins.registry import as_data
-from ...predictor import Predictor
-from ...region import Convex
-from ...values.errors import WideberthError
-from ...values.forecast import Forecast, Scene
-from ...values.plan import TOLERANCE, Status
-from ...values.tracks import Tracks
-from ..ocp.problem import Parameters, Problem
-from ..ocp.transcription import Guess
-from ..planner.cycle import ProblemCache, Solved
-from ..planner.settings import PlannerSettings
-from ..planner.verify import violation
-from ..planner.watchdog import SAME
-from ..slots.base import SlotSizes, farthest
-from ..slots.between_steps import ENTERED, entered_between
-from ..slots.gaussian_discs import GaussianDiscs
-from ..solver import Solution, Solver, solve_cheapest
+from ...framework.mpc.ocp.problem import Parameters, Problem
+from ...framework.mpc.ocp.transcription import Guess
+from ...framework.mpc.planner.cycle import ProblemCache, Solved
+from ...framework.mpc.planner.settings import PlannerSettings
+from ...framework.mpc.planner.verify import violation
+from ...framework.mpc.planner.watchdog import SAME
+from ...framework.mpc.slots.base import SlotSizes, farthest
+from ...framework.mpc.slots.between_steps import ENTERED, entered_between
+from ...framework.mpc.slots.gaussian_discs import GaussianDiscs
+from ...framework.mpc.solver import Solution, Solver, solve_cheapest
+from ...framework.plugins.config import build, describe
+from ...framework.plugins.registry import as_data
+from ...framework.predictor import Predictor
+from ...framework.region import Convex
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import Forecast, Scene
+from ...framework.values.plan import TOLERANCE, Status
+from ...framework.values.tracks import Tracks
 
 _ROWS = 8
 """Violations that are listed."""

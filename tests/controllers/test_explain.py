@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from wideberth.controllers.diagnosis import explain
+from wideberth.controllers.diagnosis.explain import SolveRecord
+from wideberth.controllers.diagnosis.solve_record import Record, read_solve, write_solve
 from wideberth.experiments.cli.app import app
-from wideberth.framework.mpc.diagnosis import explain
-from wideberth.framework.mpc.diagnosis.explain import SolveRecord
-from wideberth.framework.mpc.diagnosis.solve_record import Record, read_solve, write_solve
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.plugins.config import build, describe
@@ -115,7 +115,7 @@ def test_another_process_opens_the_same_problem(tmp_path: File) -> None:
     plan = decided(made, ahead(made, ("a", 4.0, 0.2)))
     file = write_solve(tmp_path / "one", made.explain())
     script = (
-        "from wideberth.framework.mpc.diagnosis.solve_record import read_solve\n"
+        "from wideberth.controllers.diagnosis.solve_record import read_solve\n"
         f"best = min(read_solve({str(file)!r}).again(), key=lambda one: one.cost)\n"
         "print(best.point.states.tobytes().hex())"
     )

@@ -12,26 +12,35 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
-from ...plugins.io import expanded, read_arrays, read_bytes, read_json, write_bytes, write_json
-from ...values.arrays import Array, positive, whole
-from ...values.errors import WideberthError
-from ...values.plan import Rung
-from ..ocp.problem import Parameters, SlotNumbers
-from ..ocp.transcription import Guess, Multipliers
-from ..planner.cycle import Solved
-from ..planner.settings import PlannerSettings
+from ...framework.mpc.ocp.problem import Parameters, SlotNumbers
+from ...framework.mpc.ocp.transcription import Guess, Multipliers
+from ...framework.mpc.planner.cycle import Solved
+from ...framework.mpc.planner.recorder import Recorder
+from ...framework.mpc.planner.settings import PlannerSettings
+from ...framework.plugins.io import (
+    expanded,
+    read_arrays,
+    read_bytes,
+    read_json,
+    write_bytes,
+    write_json,
+)
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.plan import Rung
 from .explain import PlanSummary, SolveRecord
 
 KIND = "solve"
 VERSION = 1
 
 
+@final
 @dataclass(frozen=True)
-class Record:
+class Record(Recorder):
     """Which solves are kept, and where. Writing a pair takes milliseconds of the loop.
 
     Parameters
