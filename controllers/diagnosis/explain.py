@@ -13,7 +13,6 @@ from ...framework.mpc.planner.settings import PlannerSettings
 from ...framework.mpc.planner.verify import violation
 from ...framework.mpc.planner.watchdog import SAME
 from ...framework.mpc.slots.base import SlotSizes, farthest
-from ...framework.mpc.slots.between_steps import ENTERED, entered_between
 from ...framework.mpc.slots.gaussian_discs import GaussianDiscs
 from ...framework.mpc.solver import Solution, Solver, solve_cheapest
 from ...framework.plugins.config import build, describe
@@ -24,6 +23,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import Forecast, Scene
 from ...framework.values.plan import TOLERANCE, Status
 from ...framework.values.tracks import Tracks
+from ..slots.between_steps import ENTERED, entered_between
 
 _ROWS = 8
 """Violations that are listed."""

@@ -67,7 +67,7 @@ AREAS: dict[str, list[str]] = {
         "metrics/scoring.py", "metrics/statistics.py",
         "framework/numerics/eigenframe.py", "framework/risk/collision_probability.py",
     ],
-    "slots": [f"{MPC}/slots/{name}.py" for name in ("drawn_futures", "between_steps")],
+    "slots": [f"controllers/slots/{name}.py" for name in ("drawn_futures", "between_steps")],
     "routes": ["routes/around_crowds.py", "routes/rerouting.py"],
     "identities": ["framework/tracking/identities.py"],
     "tables": ["experiments/engine/extract.py"],

@@ -80,7 +80,7 @@ class PlannerSettings:
     static_region : what keeps clear of the observation's polygons; needed where there are any.
     further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons. One
         with the name of either takes its place, as ``ways`` does, see
-        `wideberth.framework.mpc.slots.ways`.
+        `wideberth.controllers.slots.ways`.
     own_uncertainty : how the covariance of the observed state grows over the horizon, see
         `OwnUncertainty`; without one in the observation the state is taken as exact.
     fallback : what is driven where a solve fails: the rungs, and whether every plan ends at rest,

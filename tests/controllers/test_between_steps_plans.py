@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth.framework.mpc.levels.discounted import Discounted
-from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.slots.base import PlanningContext
-from wideberth.framework.mpc.slots.between_steps import (
+from wideberth.controllers.slots.between_steps import (
     BetweenSteps,
     _Segments,
     entered_between,
@@ -18,6 +15,9 @@ from wideberth.framework.mpc.slots.between_steps import (
     plan_between,
     turned_aside,
 )
+from wideberth.framework.mpc.levels.discounted import Discounted
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs
 from wideberth.framework.testing.region_cases import turned
 from wideberth.framework.testing.slot_kind import sample_view

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth.framework.mpc.ocp.reference import Reference
-from wideberth.framework.mpc.slots.base import PlanningContext
-from wideberth.framework.mpc.slots.drawn_futures import (
+from wideberth.controllers.slots.drawn_futures import (
     DrawnFutures,
     _anchor,
     _closest,
     _normals,
     _obstacles,
 )
+from wideberth.framework.mpc.ocp.reference import Reference
+from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.risk.scenarios import largest_support, risk_of_support
 from wideberth.framework.robot import Robot

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.slots.base import PlanningContext
-from wideberth.framework.mpc.slots.between_steps import (
+from wideberth.controllers.slots.between_steps import (
     BetweenSteps,
     entered_between,
     largest_bend,
     plan_between,
     turned_aside,
 )
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Convex

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wideberth.controllers.slots.ways import Ways
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet
-from wideberth.framework.mpc.slots.ways import Ways
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region

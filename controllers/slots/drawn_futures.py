@@ -9,18 +9,11 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from ...region import Auxiliary, Constraint
-from ...risk.scenarios import largest_support, risk_of_support, scenarios_wanted
-from ...robot import Robot
-from ...values.arrays import Array, Scalar, probability, whole
-from ...values.coverage import Coverage, Event
-from ...values.errors import WideberthError
-from ...values.motion import Pose
-from ..levels.base import LevelPolicy, Promise, SharedLevel
-from ..ocp.bodies import Body, discs
-from ..ocp.problem import SlotNumbers, Slots
-from ..ocp.stage import Frame, slots_of
-from .base import (
+from ...framework.mpc.levels.base import LevelPolicy, Promise, SharedLevel
+from ...framework.mpc.ocp.bodies import Body, discs
+from ...framework.mpc.ocp.problem import SlotNumbers, Slots
+from ...framework.mpc.ocp.stage import Frame, slots_of
+from ...framework.mpc.slots.base import (
     WIDE,
     LevelledKind,
     OutOfReach,
@@ -33,8 +26,21 @@ from .base import (
     farthest,
     next_capacity,
 )
-from .gaussian_discs import KnownDiscs, ObstacleSet, choose_obstacles, not_wider, within_reach
-from .reachability import lengths
+from ...framework.mpc.slots.gaussian_discs import (
+    KnownDiscs,
+    ObstacleSet,
+    choose_obstacles,
+    not_wider,
+    within_reach,
+)
+from ...framework.mpc.slots.reachability import lengths
+from ...framework.region import Auxiliary, Constraint
+from ...framework.risk.scenarios import largest_support, risk_of_support, scenarios_wanted
+from ...framework.robot import Robot
+from ...framework.values.arrays import Array, Scalar, probability, whole
+from ...framework.values.coverage import Coverage, Event
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Pose
 
 HALF = 0.5
 """Share of the gap between the last plan and an obstacle that the obstacle gets for nothing."""

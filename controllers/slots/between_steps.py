@@ -52,18 +52,18 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...region import Convex, Region
-from ...robot import Robot, SpeedLimited
-from ...robot import step as integrate
-from ...values.arrays import Array, altered
-from ...values.errors import WideberthError
-from ...values.forecast import GaussianObstacle
-from ...values.motion import Pose
-from ...values.plan import Plan
-from ..ocp.problem import SlotNumbers, Slots
-from ..ocp.stage import Frame
-from .base import PlanningContext, SlotAssignment, SlotSizes, farthest
-from .gaussian_discs import KnownDiscs, OfDiscs
+from ...framework.mpc.ocp.problem import SlotNumbers, Slots
+from ...framework.mpc.ocp.stage import Frame
+from ...framework.mpc.slots.base import PlanningContext, SlotAssignment, SlotSizes, farthest
+from ...framework.mpc.slots.gaussian_discs import KnownDiscs, OfDiscs
+from ...framework.region import Convex, Region
+from ...framework.robot import Robot, SpeedLimited
+from ...framework.robot import step as integrate
+from ...framework.values.arrays import Array, altered
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import GaussianObstacle
+from ...framework.values.motion import Pose
+from ...framework.values.plan import Plan
 
 ENTERED = 1e-3
 """m, from which depth on a region counts as entered between two steps."""

@@ -5,15 +5,10 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...region import Constraint, Region
-from ...robot import Robot
-from ...values.arrays import Array, Scalar, positive
-from ...values.errors import WideberthError
-from ...values.motion import Pose
-from ..levels.base import LevelPolicy, SharedLevel
-from ..ocp.problem import SlotNumbers, Slots
-from ..ocp.stage import Frame, slots_of
-from .base import (
+from ...framework.mpc.levels.base import LevelPolicy, SharedLevel
+from ...framework.mpc.ocp.problem import SlotNumbers, Slots
+from ...framework.mpc.ocp.stage import Frame, slots_of
+from ...framework.mpc.slots.base import (
     CAPACITIES,
     PlanningContext,
     SelectiveKind,
@@ -21,7 +16,12 @@ from .base import (
     SlotSizes,
     next_capacity,
 )
-from .gaussian_discs import KnownDiscs, ObstacleSet, OfDiscs, fill
+from ...framework.mpc.slots.gaussian_discs import KnownDiscs, ObstacleSet, OfDiscs, fill
+from ...framework.region import Constraint, Region
+from ...framework.robot import Robot
+from ...framework.values.arrays import Array, Scalar, positive
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Pose
 
 
 @final
