@@ -178,8 +178,13 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     for name, field in fields.items():
         if name in settings:
             hint, place = hints[name], _join(path, name)
-            if IMPLEMENTED in field.metadata and isinstance(settings[name], Mapping):
-                hint = named(target := field.metadata[IMPLEMENTED], (target,))
+            target = field.metadata.get(IMPLEMENTED, "")
+            if (
+                target
+                and settings[name] is not None
+                and not dataclasses.is_dataclass(settings[name])
+            ):
+                hint = named(target, (target,)) | None
             arguments[name] = _convert(hint, settings[name], place, _default(field))
         else:
             _check_default(found, field, hints[name], path)

@@ -110,6 +110,7 @@ ARROWS: dict[str, set[str]] = {
     "wideberth_nav2/cli": {"wideberth_nav2/server"},
     "controllers": set(),
     "controllers/diagnosis": {"controllers/slots"},
+    "controllers/judging": set(),
     "controllers/slots": set(),
     "solvers": set(),
     "solvers/riccati": {"solvers"},

@@ -19,13 +19,12 @@ AREAS: dict[str, list[str]] = {
         "framework/values/path_progress.py",
         f"{MPC}/ocp/reference.py",
         f"{MPC}/costs/curve.py",
-        "controllers/recommended.py",
+        "controllers/recommended.py", "controllers/judging/*.py",
         *(
             f"{MPC}/planner/{name}.py"
             for name in (
-                "cycle", "emergency", "expected_contact", "first_contacts", "instance", "judging",
-                "manoeuvres", "multistart", "planner", "rollout", "settings",
-                "starts", "stopping", "watchdog",
+                "cycle", "emergency", "instance", "judge", "multistart", "planner", "rollout",
+                "settings", "starts", "stopping", "watchdog",
             )
         ),
     ],

@@ -146,8 +146,7 @@ class Planner(PlannerSettings, Controller):
         if self.record is not None and solved is not None and self.record.wants(solved):
             note = self.record.keep(self, solved)
             plan = replace(plan, reason=joined(plan.reason, note))
-        usual = {Rung.OPTIMAL, Rung.FEASIBLE if self.expected_contact else Rung.OPTIMAL}
-        _warn(type(self).__name__, plan, decision.notes, usual)
+        _warn(type(self).__name__, plan, decision.notes, self.judging.usual)
         memory.decision = decision
         if decision.notes:
             plan = replace(plan, reason=joined(plan.reason, *decision.notes))

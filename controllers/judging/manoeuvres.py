@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ...control.command_limits import CRAWL, FAST, attained, turns_on_the_spot
-from ...numerics.clipping import between
-from ...numerics.symbolic import Mapped, ca
-from ...robot import Robot, SymbolicDrive, step
-from ...values.arrays import Array, Scalar
-from ...values.motion import Pose, Twist
+from ...framework.control.command_limits import CRAWL, FAST, attained, turns_on_the_spot
+from ...framework.numerics.clipping import between
+from ...framework.numerics.symbolic import Mapped, ca
+from ...framework.robot import Robot, SymbolicDrive, step
+from ...framework.values.arrays import Array, Scalar
+from ...framework.values.motion import Pose, Twist
 
 HELD = (0.4, 1.2)
 """s for which the first twist is held."""

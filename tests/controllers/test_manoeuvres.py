@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner import manoeuvres
-from wideberth.framework.mpc.planner.manoeuvres import (
+from wideberth.controllers.judging.manoeuvres import (
     AFTERWARDS,
     FASTER,
     HELD,
@@ -15,6 +14,7 @@ from wideberth.framework.mpc.planner.manoeuvres import (
     TURNS,
     driven,
 )
+from wideberth.controllers.judging import manoeuvres
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.arrays import Array

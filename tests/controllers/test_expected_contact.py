@@ -9,15 +9,15 @@ import pytest
 import shapely
 from scipy.spatial.transform import Rotation
 
-from wideberth.framework.mpc.planner.expected_contact import (
+from wideberth.controllers.judging.expected_contact import (
     AHEAD,
     CERTAIN,
     FADING,
     TURNING,
+    ContactJudge,
     ExpectedContact,
-    Judge,
 )
-from wideberth.framework.mpc.planner.first_contacts import compiled, expected, passing, walled
+from wideberth.controllers.judging.first_contacts import compiled, expected, passing, walled
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.arrays import Array
@@ -181,10 +181,10 @@ def judge(
     arc: float = 0.0,
     walls: tuple[Polygon, ...] = (),
     margins: tuple[float, float] = (0.0, 0.0),
-) -> Judge:
+) -> ContactJudge:
     known = None if seen is None else (seen.forecast, seen.tracks)
     made = settings or ExpectedContact()
-    return Judge.of(made, robot, DT, (path, arc, 1.0), known, walls, margins)
+    return ContactJudge.of(made, robot, DT, (path, arc, 1.0), known, walls, margins)
 
 
 def straight(

@@ -9,8 +9,8 @@ from functools import cache
 from math import sqrt
 from typing import Any
 
-from ...plugins.njit import cached_njit
-from ...values.arrays import Array
+from ...framework.plugins.njit import cached_njit
+from ...framework.values.arrays import Array
 
 
 def expected(

@@ -7,19 +7,28 @@ solver starts, and the solver's plan is judged like it: what is driven is the be
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
-from ...control.command_limits import deceleration
-from ...robot import Robot
-from ...values.arrays import Array, positive
-from ...values.forecast import Forecast
-from ...values.path import Path
-from ...values.polygon import Polygon
-from ...values.tracks import Tracks
-from ..ocp.bodies import discs
+from ...framework.control.command_limits import deceleration
+from ...framework.mpc.ocp.bodies import discs
+from ...framework.mpc.ocp.transcription import Guess
+from ...framework.mpc.planner.instance import Instance
+from ...framework.mpc.planner.judge import Judge, Judging
+from ...framework.mpc.planner.multistart import MultiStartResult
+from ...framework.mpc.planner.starts import Starts, suited_each
+from ...framework.mpc.planner.verify import Candidate, verify
+from ...framework.mpc.problem_robot import with_carried
+from ...framework.robot import Robot
+from ...framework.values.arrays import Array, altered, positive
+from ...framework.values.forecast import Forecast
+from ...framework.values.path import Path
+from ...framework.values.plan import Rung
+from ...framework.values.polygon import Polygon
+from ...framework.values.tracks import Tracks
 from .first_contacts import compiled
+from .manoeuvres import SLOWING, driven
 
 CERTAIN, FADING = 1.0, 1.2
 """s, until which a contact counts in full, and how fast it fades afterwards."""
@@ -35,7 +44,7 @@ TURNING = 2.0
 
 @final
 @dataclass(frozen=True)
-class ExpectedContact:
+class ExpectedContact(Judging):
     """How plans are judged among people who may turn.
 
     A trajectory of N steps, T s and L m costs, in s, with the reference speed v::
@@ -70,15 +79,33 @@ class ExpectedContact:
     closeness: float = 1.0
     room: float = 0.2
 
+    usual: ClassVar[frozenset[Rung]] = frozenset({Rung.OPTIMAL, Rung.FEASIBLE})
+
     def __post_init__(self) -> None:
         for name in ("price", "closeness", "room"):
             value = getattr(self, name)
             positive(f"expected_contact.{name}", value, zero=name == "closeness")
 
+    def held_clear(self, forecast: Forecast) -> Forecast:
+        """Return the likeliest mode of each person's forecast."""
+        return forecast.likeliest()
+
+    def judge(
+        self,
+        robot: Robot,
+        dt: float,
+        way: tuple[Path, float, float],
+        seen: tuple[Forecast, Tracks] | None,
+        walls: Sequence[Polygon],
+        margins: tuple[float, float],
+    ) -> "ContactJudge":
+        """Return the judge of one cycle."""
+        return ContactJudge.of(self, robot, dt, way, seen, walls, margins)
+
 
 @final
 @dataclass(frozen=True, eq=False)
-class Judge:
+class ContactJudge(Judge):
     """What trajectories of one planning cycle are judged against.
 
     Attributes
@@ -104,6 +131,8 @@ class Judge:
     walls: Array
     acceleration: float
 
+    reason: ClassVar[str] = "a manoeuvre costs less than the solver's plan"
+
     @classmethod
     def of(
         cls,
@@ -114,7 +143,7 @@ class Judge:
         seen: tuple[Forecast, Tracks] | None,
         walls: Sequence[Polygon],
         margins: tuple[float, float],
-    ) -> "Judge":
+    ) -> "ContactJudge":
         """Gather what is needed.
 
         Parameters
@@ -132,6 +161,41 @@ class Judge:
         rooms = radii[:, None] + people[None] + margins[0]
         return cls(settings, robot, dt, *way, futures, np.asarray(weights), rooms,
                    radii + margins[1], _corners(walls), deceleration(robot))  # fmt: skip
+
+    def starts(self, names: Starts) -> Starts:
+        """Return none: the manoeuvres take their place."""
+        return ()
+
+    def first(self, instance: Instance, guess: Guess) -> Guess:
+        """Return the best of all manoeuvres and of the last plan."""
+        robot, problem, size = self.robot, instance.problem, len(self.robot.states)
+        start = instance.parameters.initial[:size]
+        ahead = self.arc + self.speed * (problem.horizon * problem.dt + 2.0 * SLOWING)
+        target = self.path.at(np.array(ahead))
+        states, inputs = driven(robot, start, target, self.speed, problem.horizon, problem.dt)
+        states = np.concatenate([guess.states[None, :, :size], states])
+        best = int(self.costs(states).argmin())
+        if best == 0:
+            return guess
+        bare = Guess.bare(states[best], inputs[best - 1], instance.target)
+        bare = with_carried(instance.robot, bare, instance.parameters, problem.dt)
+        return suited_each(instance, [bare])[0]
+
+    def judged(self, instance: Instance, outcome: MultiStartResult) -> MultiStartResult:
+        """Price the solutions and the manoeuvre solved from; the cheapest alone goes on."""
+        start = outcome.guesses[0]
+        every = [*outcome.candidates, Candidate(start, verify(instance, start), way="manoeuvre")]
+        priced = [
+            altered(one, cost=float(cost))
+            for one, cost in zip(every, self.harm(every), strict=True)
+        ]
+        best = min(priced, key=lambda one: np.inf if np.isnan(one.cost) else one.cost)
+        return altered(outcome, candidates=(best,))
+
+    def harm(self, candidates: Sequence[Candidate]) -> Array:
+        """Return what each costs."""
+        states = np.array([one.point.states for one in candidates])
+        return self.costs(states[..., : len(self.robot.states)])
 
     def costs(self, states: Array) -> Array:
         """Cost of trajectories (C, N + 1, n), (C,), s."""

@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.judging.expected_contact import ContactJudge, ExpectedContact
 from wideberth.framework.control.command_limits import broken_limit
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner import cycle
-from wideberth.framework.mpc.planner.expected_contact import ExpectedContact, Judge
 from wideberth.framework.mpc.planner.instance import Instance
-from wideberth.framework.mpc.planner.judging import judged
 from wideberth.framework.mpc.planner.multistart import MultiStartResult
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.rungs import Fallback
@@ -119,13 +117,16 @@ def test_the_plan_driven_is_the_cheapest_of_all_that_were_tried(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """And its cost is what the judge says."""
-    looked: list[tuple[Judge, MultiStartResult]] = []
+    looked: list[tuple[ContactJudge, MultiStartResult]] = []
+    judged = ContactJudge.judged
 
-    def watching(judge: Judge, instance: Instance, outcome: MultiStartResult) -> MultiStartResult:
+    def watching(
+        judge: ContactJudge, instance: Instance, outcome: MultiStartResult
+    ) -> MultiStartResult:
         looked.append((judge, outcome))
         return judged(judge, instance, outcome)
 
-    monkeypatch.setattr(cycle, "judged", watching)
+    monkeypatch.setattr(ContactJudge, "judged", watching)
     rng, kept = np.random.default_rng(0), 0
     for _ in range(12):
         planner = made(predictor=TurningPeople(area=SQUARE))
