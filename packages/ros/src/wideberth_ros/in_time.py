@@ -2,11 +2,11 @@
 
 from typing import final
 
-from ...control.velocity_smoother import VelocitySmoother
-from ...robot import Robot
-from ...values.motion import Command, Twist
-from ...values.plan import Plan
-from .emergency import command_of_plan
+from wideberth.framework.control.velocity_smoother import VelocitySmoother
+from wideberth.framework.mpc.planner.emergency import command_of_plan
+from wideberth.framework.robot import Robot
+from wideberth.framework.values.motion import Command, Twist
+from wideberth.framework.values.plan import Plan
 
 
 @final

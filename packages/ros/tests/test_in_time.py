@@ -5,10 +5,10 @@ import pytest
 
 from wideberth import Command, Observation, Path, recommended
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
-from wideberth.framework.mpc.planner.in_time import VelocityInTime
 from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.plan import Plan
 from wideberth.robots import Unicycle
+from wideberth_ros.in_time import VelocityInTime
 
 ROBOT = Unicycle(radius=0.3, max_yaw_rate=1.0, max_yaw_acceleration=1.0)
 REST = Twist((0.0, 0.0))
