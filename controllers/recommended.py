@@ -8,8 +8,6 @@ from typing import Any
 
 from ..framework.control.command_limits import broken_limit
 from ..framework.mpc.costs.base import Weights
-from ..framework.mpc.costs.contouring import Contouring
-from ..framework.mpc.costs.smooth_tracking import SmoothTracking
 from ..framework.mpc.costs.tracking import Tracking
 from ..framework.mpc.planner.planner import Planner
 from ..framework.mpc.planner.settings import PlannerSettings, doubts
@@ -21,6 +19,8 @@ from ..framework.robot import Robot, SpeedLimited, start_state, step
 from ..framework.values.arrays import positive
 from ..framework.values.errors import WideberthError, short
 from ..framework.values.motion import Command, Twist
+from .costs.contouring import Contouring
+from .costs.smooth_tracking import SmoothTracking
 
 SPEED, STEP = 0.5, 0.5
 """m/s and s: the speed and the step that the weights of `Weights` are made for (the paper's)."""

@@ -95,9 +95,9 @@ ROOMS: Mapping[str, Room] = Rooms({
     ),
     "route_planners": Room("wideberth.routes", f"{_FRAMEWORK}.route_planner:RoutePlanner"),
     "solvers": Room("wideberth.solvers", f"{_FRAMEWORK}.mpc.solver:Solver"),
-    "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
+    "levels": Room("wideberth.controllers.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
     "slot_kinds": Room("wideberth.controllers.slots", f"{_FRAMEWORK}.mpc.slots.base:SlotKind"),
-    "costs": Room(f"{_FRAMEWORK}.mpc.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),
+    "costs": Room("wideberth.controllers.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),
     "scenarios": Room(
         "wideberth.simulation.scenarios", "wideberth.simulation.scenarios.base:Scenario"
     ),

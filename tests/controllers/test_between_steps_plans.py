@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
+from wideberth.controllers.levels.discounted import Discounted
 from wideberth.controllers.slots.between_steps import (
     BetweenSteps,
     _Segments,
@@ -15,7 +16,6 @@ from wideberth.controllers.slots.between_steps import (
     plan_between,
     turned_aside,
 )
-from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs

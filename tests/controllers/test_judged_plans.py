@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.costs.contouring import Contouring
 from wideberth.controllers.judging.expected_contact import ContactJudge, ExpectedContact
 from wideberth.framework.control.command_limits import broken_limit
-from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess

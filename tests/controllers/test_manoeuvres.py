@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.judging import manoeuvres
 from wideberth.controllers.judging.manoeuvres import (
     AFTERWARDS,
     FASTER,
@@ -14,7 +15,6 @@ from wideberth.controllers.judging.manoeuvres import (
     TURNS,
     driven,
 )
-from wideberth.controllers.judging import manoeuvres
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.arrays import Array

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 import wideberth
-from wideberth.framework.plugins.extensions import known_packages, module_file, present
+from wideberth.framework.plugins.extensions import KNOWN, known_packages, module_file, present
+from wideberth.framework.plugins.yamlfile import parse
 from wideberth.tests.house.test_imports import BESIDE, ROOT
 from wideberth.tests.house.test_packaging import SETTINGS, built
 
@@ -69,7 +70,7 @@ def test_the_core_knows_what_a_package_offers(name: str) -> None:
 
 
 def test_former_modules_are_gone_and_present_ones_are_there() -> None:
-    for package in known_packages().values():
+    for package in parse(KNOWN.read_text(encoding="utf-8"), KNOWN.name).values():
         for former in package["moved"]:
             parts = former.split(".")[1:]
             place = ROOT.joinpath(*parts)

@@ -18,7 +18,7 @@ AREAS: dict[str, list[str]] = {
         "framework/tracking/perception.py",
         "framework/values/path_progress.py",
         f"{MPC}/ocp/reference.py",
-        f"{MPC}/costs/curve.py",
+        "controllers/costs/curve.py",
         "controllers/recommended.py", "controllers/judging/*.py",
         *(
             f"{MPC}/planner/{name}.py"
@@ -39,8 +39,9 @@ AREAS: dict[str, list[str]] = {
         f"{MPC}/assembly.py",
         *(
             f"{MPC}/levels/{name}.py"
-            for name in ("base", "discounted", "relaxed", "risk_allocation")
+            for name in ("base", "relaxed")
         ),
+        "controllers/levels/*.py",
     ],
     "regions": ["regions/*.py", "regions/static/*.py", "framework/numerics/geometry.py"],
     "propagation": [

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import shapely
 
+from wideberth.controllers.costs.contouring import Contouring
 from wideberth.controllers.recommended import recommended
-from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.ocp.command_robot import command_robot_of
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.planner.planner import Planner

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wideberth import experiments
+from wideberth.controllers.levels.discounted import Discounted
+from wideberth.controllers.levels.risk_allocation import RiskAllocation
 from wideberth.framework import names
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise
-from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.plugins.registry import load

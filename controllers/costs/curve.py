@@ -33,9 +33,9 @@ from typing import Any
 
 import numpy as np
 
-from ...numerics.symbolic import ca
-from ...values.arrays import Array
-from ...values.path import Path
+from ...framework.numerics.symbolic import ca
+from ...framework.values.arrays import Array
+from ...framework.values.path import Path
 
 _BEHIND = 2
 """Corners that lie behind the robot: it may have to back off."""

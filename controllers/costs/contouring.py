@@ -6,12 +6,12 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ...numerics.symbolic import ca
-from ...values.arrays import positive, whole
-from ...values.path import Path
-from ..ocp.reference import Reference, lay_reference
-from ..ocp.stage import ReferenceSymbols
-from .base import Moment, ProgressCost, Weights, effort, speed_error
+from ...framework.mpc.costs.base import Moment, ProgressCost, Weights, effort, speed_error
+from ...framework.mpc.ocp.reference import Reference, lay_reference
+from ...framework.mpc.ocp.stage import ReferenceSymbols
+from ...framework.numerics.symbolic import ca
+from ...framework.values.arrays import positive, whole
+from ...framework.values.path import Path
 from .curve import curve_at, curve_width, lay_curve
 
 
@@ -35,7 +35,7 @@ class Contouring(ProgressCost):
 
     The references reward progress linearly; a quadratic has its optimum at v_ref, so that no
     bound on the rate has to be active all the time. The curve rounds the corners of the path, see
-    `wideberth.framework.mpc.costs.curve`: one curve for all starting points of a call and, of one
+    `wideberth.controllers.costs.curve`: one curve for all starting points of a call and, of one
     path,
     for all calls, where lines laid at the guess's theta would price each start differently and
     lead straight on past a corner at which the robot has waited. The point stops at

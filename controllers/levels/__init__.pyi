@@ -3,9 +3,9 @@
 # fmt: off
 
 from .discounted import Discounted as Discounted
-from .fixed import Fixed as Fixed
-from .paper import Paper as Paper
-from .relaxed import Relaxed as Relaxed
 from .risk_allocation import RiskAllocation as RiskAllocation
+from ...framework.mpc.levels.fixed import Fixed as Fixed
+from ...framework.mpc.levels.paper import Paper as Paper
+from ...framework.mpc.levels.relaxed import Relaxed as Relaxed
 __all__ = ['Discounted', 'Fixed', 'Paper', 'Relaxed', 'RiskAllocation']
 BUILT_IN: dict[str, str]

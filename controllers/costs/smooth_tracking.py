@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import final
 
-from .base import CommandCost
-from .tracking import TimedTracking
+from ...framework.mpc.costs.base import CommandCost
+from ...framework.mpc.costs.tracking import TimedTracking
 
 
 @final

@@ -5,10 +5,10 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...region import Region
-from ...values.arrays import Array, positive, probability
-from ...values.coverage import Coverage, Event
-from .base import LevelPolicy, Promise, checked_promise, spread
+from ...framework.mpc.levels.base import LevelPolicy, Promise, checked_promise, spread
+from ...framework.region import Region
+from ...framework.values.arrays import Array, positive, probability
+from ...framework.values.coverage import Coverage, Event
 
 
 @final

@@ -4,6 +4,6 @@
 
 from .contouring import Contouring as Contouring
 from .smooth_tracking import SmoothTracking as SmoothTracking
-from .tracking import Tracking as Tracking
+from ...framework.mpc.costs.tracking import Tracking as Tracking
 __all__ = ['Contouring', 'SmoothTracking', 'Tracking']
 BUILT_IN: dict[str, str]

@@ -5,11 +5,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...region import Region
-from ...values.arrays import Array, probability, whole
-from ...values.coverage import Coverage, Event
-from ...values.errors import WideberthError
-from .base import LevelPolicy, Promise, checked_promise, mixed_up, spread
+from ...framework.mpc.levels.base import LevelPolicy, Promise, checked_promise, mixed_up, spread
+from ...framework.region import Region
+from ...framework.values.arrays import Array, probability, whole
+from ...framework.values.coverage import Coverage, Event
+from ...framework.values.errors import WideberthError
 
 
 @final
