@@ -141,7 +141,7 @@ def present(target: str) -> str:
     module, colon, name = target.partition(":")
     if not module.startswith(PREFIX):
         return target
-    moved = {old: new for package in (*known_packages().values(), _listed()["core"])
+    moved = {old: new for package in known_packages().values()
              for old, new in package.get("moved", {}).items()}  # fmt: skip
     head, tail = module, ""
     while head and head not in moved:
@@ -150,14 +150,9 @@ def present(target: str) -> str:
     return f"{moved[head]}{tail}{colon}{name}" if head else target
 
 
+@cache
 def known_packages() -> dict[str, dict[str, Any]]:
     """Return extra -> what its package has, by kind, and ``moved``: module of before -> module."""
-    return {extra: package for extra, package in _listed().items() if extra != "core"}
-
-
-@cache
-def _listed() -> dict[str, dict[str, Any]]:
-    """Return what ``known_packages.yaml`` lists."""
     import yaml
 
     content: dict[str, dict[str, Any]] = yaml.safe_load(KNOWN.read_text(encoding="utf-8"))

@@ -16,8 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.framework.plugins.extensions import KNOWN
-from wideberth.framework.plugins.yamlfile import parse
+from wideberth.framework.plugins.extensions import known_packages
 from wideberth.tests.house.test_imports import (
     CORE,
     ROOMS,
@@ -54,11 +53,7 @@ OTHERS = {
     "level.tail", "body.yaw_gain",  # keys of configs
     "environment.unwrapped.episode",  # an attribute of what a page makes
 }  # fmt: skip
-FORMER = {
-    name
-    for package in parse(KNOWN.read_text(encoding="utf-8"), KNOWN.name).values()
-    for name in package.get("moved", {})
-}
+FORMER = {name for package in known_packages().values() for name in package.get("moved", {})}
 """Modules of earlier versions: the changelog says where they are now."""
 FILES = {
     "bib", "c", "csv", "gz", "h", "html", "json", "md", "npz", "pdf", "png", "py", "svg", "toml",
