@@ -35,12 +35,12 @@ from ...framework.mpc.slots.gaussian_discs import (
 )
 from ...framework.mpc.slots.reachability import lengths
 from ...framework.region import Auxiliary, Constraint
-from ...framework.risk.scenarios import largest_support, risk_of_support, scenarios_wanted
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, Scalar, probability, whole
 from ...framework.values.coverage import Coverage, Event
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Pose
+from .scenario_risk import largest_support, risk_of_support, scenarios_wanted
 
 HALF = 0.5
 """Share of the gap between the last plan and an obstacle that the obstacle gets for nothing."""
@@ -80,10 +80,10 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
     from those discarded, and no scenario that keeps the half-planes changes them. So a plan that
     keeps them, by whatever solver and however local its optimum, is met by an obstacle at any of
     its steps with probability at most eps(k + R), see
-    `wideberth.framework.risk.scenarios.risk_of_support`, but for a share ``doubt`` of plans, k
-    scenarios holding half-planes and R being discarded. It is promised of the plan as a whole,
-    driven to its end without planning anew, if the forecast is right about the joint distribution;
-    obstacles left out are not counted. `Plan.risk` says eps. It bounds no episode.
+    `wideberth.controllers.slots.scenario_risk.risk_of_support`, but for a share ``doubt`` of
+    plans, k scenarios holding half-planes and R being discarded. It is promised of the plan as a
+    whole, driven to its end without planning anew, if the forecast is right about the joint
+    distribution; obstacles left out are not counted. `Plan.risk` says eps. It bounds no episode.
 
     **Discarding.** Of the scenarios that hold half-planes the one is discarded first whose
     half-planes lie deepest over the reference (the sum of squares), while k + R stays at or below

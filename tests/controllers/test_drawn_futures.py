@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import binom
 
 from wideberth.controllers.slots.drawn_futures import DrawnFutures, DrawnHalfPlanes
+from wideberth.controllers.slots.scenario_risk import largest_support, risk_of_support
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.plugins.config import build
-from wideberth.framework.risk.scenarios import largest_support, risk_of_support
 from wideberth.framework.testing.slot_kind import sample_view
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError

@@ -15,10 +15,10 @@ from wideberth.controllers.slots.drawn_futures import (
     _normals,
     _obstacles,
 )
+from wideberth.controllers.slots.scenario_risk import largest_support, risk_of_support
 from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
-from wideberth.framework.risk.scenarios import largest_support, risk_of_support
 from wideberth.framework.robot import Robot
 from wideberth.framework.testing.slot_kind import Sample, sample_view
 from wideberth.framework.values.arrays import Array

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta, binom
 
-from wideberth.framework.risk.scenarios import (
+from wideberth.controllers.slots.scenario_risk import (
     largest_support,
     risk_of_support,
     scenarios_wanted,
