@@ -123,12 +123,6 @@ def test_the_cost_is_set_by_config() -> None:
             replace(Contouring(), **{name: 0.0})  # type: ignore[arg-type]
 
 
-def test_a_cost_that_declares_progress_by_a_flag_is_refused() -> None:
-    with pytest.raises(WideberthError, match=r"Old is a Cost with follows = True.*ProgressCost"):
-        type("Old", (Cost,), {"follows": True})
-    type("Plain", (Cost,), {"follows": False})
-
-
 def test_a_cost_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """It follows the path and is found by its name: theta is its own to spend."""
     monkeypatch.setattr(registry, "_registered", {room: {} for room in ROOMS})

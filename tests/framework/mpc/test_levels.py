@@ -152,12 +152,6 @@ class Twice(LevelPolicy):
         return Fixed(2.0 * self.tail).levels(region, steps, obstacles, dimension)
 
 
-def test_a_policy_that_declares_a_shared_level_by_a_flag_is_refused() -> None:
-    with pytest.raises(WideberthError, match=r"Old is a LevelPolicy with shared = True.*Shared"):
-        type("Old", (LevelPolicy,), {"shared": True})
-    type("Plain", (LevelPolicy,), {"shared": False})
-
-
 def test_a_risk_must_not_be_promised_with_any_region() -> None:
     with pytest.raises(AssertionError, match="guarantees no risk"):
         check_level(Broken(promise="risk"))
