@@ -100,7 +100,16 @@ class ExpectedContact(Judging):
         margins: tuple[float, float],
     ) -> "ContactJudge":
         """Return the judge of one cycle."""
-        return ContactJudge.of(self, robot, dt, way, seen, walls, margins)
+        parts = discs(robot)
+        radii = np.array([part.radius for part in parts])
+        if seen is None:
+            futures, weights = np.zeros((0, 1, 2, robot.dimension)), np.zeros((0, 1))
+            people = np.zeros(0)
+        else:
+            futures, weights, people = _from_now(seen[0]), seen[0].weight, seen[1].radius
+        rooms = radii[:, None] + people[None] + margins[0]
+        return ContactJudge(self, robot, dt, *way, futures, np.asarray(weights), rooms,
+                            radii + margins[1], _corners(walls), deceleration(robot))  # fmt: skip
 
 
 @final
@@ -132,35 +141,6 @@ class ContactJudge(Judge):
     acceleration: float
 
     reason: ClassVar[str] = "a manoeuvre costs less than the solver's plan"
-
-    @classmethod
-    def of(
-        cls,
-        settings: ExpectedContact,
-        robot: Robot,
-        dt: float,
-        way: tuple[Path, float, float],
-        seen: tuple[Forecast, Tracks] | None,
-        walls: Sequence[Polygon],
-        margins: tuple[float, float],
-    ) -> "ContactJudge":
-        """Gather what is needed.
-
-        Parameters
-        ----------
-        way : path, arc and speed. seen : the forecast of the tracks; None for none.
-        margins : m, beside people and beside walls.
-        """
-        parts = discs(robot)
-        radii = np.array([part.radius for part in parts])
-        if seen is None:
-            futures, weights = np.zeros((0, 1, 2, robot.dimension)), np.zeros((0, 1))
-            people = np.zeros(0)
-        else:
-            futures, weights, people = _from_now(seen[0]), seen[0].weight, seen[1].radius
-        rooms = radii[:, None] + people[None] + margins[0]
-        return cls(settings, robot, dt, *way, futures, np.asarray(weights), rooms,
-                   radii + margins[1], _corners(walls), deceleration(robot))  # fmt: skip
 
     def starts(self, names: Starts) -> Starts:
         """Return none: the manoeuvres take their place."""

@@ -184,7 +184,7 @@ def judge(
 ) -> ContactJudge:
     known = None if seen is None else (seen.forecast, seen.tracks)
     made = settings or ExpectedContact()
-    return ContactJudge.of(made, robot, DT, (path, arc, 1.0), known, walls, margins)
+    return made.judge(robot, DT, (path, arc, 1.0), known, walls, margins)
 
 
 def straight(
