@@ -12,10 +12,9 @@ _NAMES = {
         Adaptive Command Controller Costmap Detection Discs Fittable Forecast GaussianObstacle
         Identities Observation OccupancyGrid Outline Path Plan Polygon Pose Predictor Region Robot
         Route RoutePlanner Scene StaticRegion Tracks Twist WideberthError Windows build
-        cut_windows load load_plugin names register resampled_tracks save_plugin
+        cut_windows load load_plugin names recommended register resampled_tracks save_plugin
         walls_around walls_of_segments walls_of_shapes
     """,
-    "wideberth.controllers.recommended": "recommended",
     "wideberth.routes.inflation": "Inflation",
     "wideberth.routes.polygons": "convex_polygons grid_of_polygons",
     "wideberth.routes.rerouting": "Rerouting",

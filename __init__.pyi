@@ -3,7 +3,6 @@
 # fmt: off
 
 from . import controllers as controllers
-from .controllers.recommended import recommended as recommended
 from . import draw as draw
 from . import experiments as experiments
 from .experiments import open_result as open_result
@@ -39,6 +38,7 @@ from .framework import WideberthError as WideberthError
 from .framework import Windows as Windows
 from .framework import cut_windows as cut_windows
 from .framework import names as names
+from .framework import recommended as recommended
 from .framework import register as register
 from .framework import resampled_tracks as resampled_tracks
 from .framework import save_plugin as save_plugin

@@ -23,7 +23,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from measuring import Row, Tick, spread
 
-from wideberth import recommended
+from wideberth.framework import recommended
 from wideberth.framework.control.rate_limited_warnings import quiet
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build

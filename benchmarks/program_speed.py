@@ -14,8 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from wideberth import Path as Route
-from wideberth import recommended
-from wideberth.framework import Observation
+from wideberth.framework import Observation, recommended
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.plugins.config import build
 from wideberth.framework.programs import SOURCES, Program

@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 from set_ups import OWN, SetUp, paper_problem, registered, suited
 
-from wideberth import recommended
 from wideberth.benchmarks.recorded_instances import read_instances
-from wideberth.framework import GaussianObstacle, build, names
+from wideberth.framework import GaussianObstacle, build, names, recommended
 from wideberth.framework.control.rate_limited_warnings import quiet
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.robot import start_state

@@ -11,8 +11,7 @@ from judging import LOOSE
 from measuring import Row, Tick, labels, repeats, rotated, slope, timed
 from set_ups import ELLIPSE, OWN, registered, unicycle
 
-from wideberth import recommended
-from wideberth.framework import Detection, Observation, Path
+from wideberth.framework import Detection, Observation, Path, recommended
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.settings import changed

@@ -52,7 +52,8 @@ _NAMES = {
     "values.sensing": "InertialSample Scan Sightings WheelSample",
     "values.tracks": "Tracks",
     "values.walls": "box walls_around walls_of_segments walls_of_shapes",
+    "wideberth.controllers.recommended": "recommended",
 }
-"""Module -> its public names, which are imported on first use."""
+"""Module -> its public names, which are imported on first use; whole names are of higher rooms."""
 
 __getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

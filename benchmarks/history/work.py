@@ -87,7 +87,7 @@ def solves(label: str, passes: int) -> Prepared:
 
 def decisions() -> Prepared:
     """Decide with the recommended planner on a straight drive, the same whatever it decides."""
-    from wideberth import recommended
+    from wideberth.framework import recommended
     from wideberth.framework.values.motion import Detection, Observation
     from wideberth.framework.values.path import Path as Way
 
@@ -161,7 +161,7 @@ def risks() -> Prepared:
 
 def episode() -> Prepared:
     """Simulate the recommended planner that meets a person; a piece is a second of simulation."""
-    from wideberth import recommended
+    from wideberth.framework import recommended
     from wideberth.framework.values.path import Path as Way
     from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
     from wideberth.simulation.engine.episode import run_episode
