@@ -10,6 +10,7 @@ _NAMES = {
     "mpc.ocp.bodies": "Body BodyPath bodies body_starts",
     "mpc.ocp.problem": "SlotNumbers Slots",
     "mpc.ocp.stage": "Frame slots_of",
+    "wideberth.controllers.recommended": "recommended",
     "mpc.planner.rollout": "steer",
     "mpc.planner.rungs": "FallbackRung NotHeld",
     "mpc.slots.base": """
@@ -52,7 +53,6 @@ _NAMES = {
     "values.sensing": "InertialSample Scan Sightings WheelSample",
     "values.tracks": "Tracks",
     "values.walls": "box walls_around walls_of_segments walls_of_shapes",
-    "wideberth.controllers.recommended": "recommended",
 }
 """Module -> its public names, which are imported on first use; whole names are of higher rooms."""
 
