@@ -10,7 +10,7 @@ _NAMES = {
     "mpc.ocp.bodies": "Body BodyPath bodies body_starts",
     "mpc.ocp.problem": "SlotNumbers Slots",
     "mpc.ocp.stage": "Frame slots_of",
-    "mpc.planner.recommended": "recommended",
+    "wideberth.controllers.recommended": "recommended",
     "mpc.planner.rollout": "steer",
     "mpc.planner.rungs": "FallbackRung NotHeld",
     "mpc.slots.base": """
@@ -54,6 +54,6 @@ _NAMES = {
     "values.tracks": "Tracks",
     "values.walls": "box walls_around walls_of_segments walls_of_shapes",
 }
-"""Module -> its public names, which are imported on first use."""
+"""Module -> its public names, which are imported on first use; whole names are of higher rooms."""
 
 __getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

@@ -2,6 +2,7 @@
 # ruff: noqa
 # fmt: off
 
+from ..controllers.recommended import recommended as recommended
 from .calibration import Calibration as Calibration
 from .calibration import MomentCalibration as MomentCalibration
 from .calibration import fewest_ranks as fewest_ranks
@@ -22,7 +23,6 @@ from .mpc.ocp.problem import SlotNumbers as SlotNumbers
 from .mpc.ocp.problem import Slots as Slots
 from .mpc.ocp.stage import Frame as Frame
 from .mpc.ocp.stage import slots_of as slots_of
-from .mpc.planner.recommended import recommended as recommended
 from .mpc.planner.rollout import steer as steer
 from .mpc.planner.rungs import FallbackRung as FallbackRung
 from .mpc.planner.rungs import NotHeld as NotHeld

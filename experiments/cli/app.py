@@ -533,8 +533,8 @@ def explain(
     plugins: Plugins = None,
 ) -> None:
     """Say why a recorded solve failed or was slow, and solve it again."""
-    from ...framework.mpc.diagnosis.explain import compared
-    from ...framework.mpc.diagnosis.solve_record import read_solve
+    from ...controllers.diagnosis.explain import compared
+    from ...controllers.diagnosis.solve_record import read_solve
     from ..engine.progress import working
 
     for number, path in enumerate(_solves(target)):

@@ -25,6 +25,7 @@ from .registry import (
     import_named,
     load,
     name_of,
+    named,
     recipe,
     room_name,
     room_of,
@@ -37,6 +38,9 @@ LONGEST_NAME = 48
 """Bytes of a name in a config; up to five of them make the name of a file."""
 ADVICE = "advice"
 """Key of a dataclass field's metadata: what to write where a config lacks the field."""
+IMPLEMENTED = "implemented"
+"""Key of a dataclass field's metadata: "module:Class" that a mapping in a config makes, where the
+field's type is an interface without a room."""
 _SEQUENCES = (tuple, list, Sequence)
 _MAPPINGS = (dict, Mapping)
 
@@ -173,8 +177,15 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     arguments = {}
     for name, field in fields.items():
         if name in settings:
-            place = _join(path, name)
-            arguments[name] = _convert(hints[name], settings[name], place, _default(field))
+            hint, place = hints[name], _join(path, name)
+            target = field.metadata.get(IMPLEMENTED, "")
+            if (
+                target
+                and settings[name] is not None
+                and not dataclasses.is_dataclass(settings[name])
+            ):
+                hint = named(target, (target,)) | None
+            arguments[name] = _convert(hint, settings[name], place, _default(field))
         else:
             _check_default(found, field, hints[name], path)
     try:

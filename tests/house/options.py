@@ -29,7 +29,7 @@ from typing import Any, get_args, get_type_hints
 
 import yaml
 
-from wideberth.framework.plugins import registry
+from wideberth.framework.plugins import config, registry
 from wideberth.framework.plugins.yamlfile import parse
 from wideberth.tests.house.test_imports import ROOMS, ROOT, files_of, parsed
 
@@ -78,6 +78,9 @@ def names(kind: type) -> tuple[str, ...]:
 @cache
 def held(kind: type, name: str) -> Kinds:
     """Return the classes that may stand in a field, inside of tuples and mappings too."""
+    target = next(one for one in dataclasses.fields(kind) if one.name == name).metadata
+    if config.IMPLEMENTED in target:
+        return frozenset({registry.named(target[config.IMPLEMENTED])})
     return frozenset(_classes(_hints(kind)[name]))
 
 

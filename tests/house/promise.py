@@ -16,12 +16,12 @@ from typing import Any
 import typer
 import yaml
 
+from wideberth.controllers.diagnosis import solve_record
 from wideberth.docs._site.reference import Group, groups
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine import column_descriptions, result_folder
 from wideberth.experiments.engine.shipped_configs import shipped
-from wideberth.framework.mpc.diagnosis import solve_record
 from wideberth.framework.plugins import config, lazy, registry
 from wideberth.framework.plugins.extensions import module_file
 from wideberth.framework.tracking import forecast_sets
@@ -39,7 +39,7 @@ REST = "further"
 """The group of the reference that lists what other signatures mention: it is not promised."""
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
 ALSO = (
-    "wideberth.framework.mpc.diagnosis.solve_record:SolveRecord",
+    "wideberth.controllers.diagnosis.solve_record:SolveRecord",
     "wideberth.simulation.log.episode_log:Episode",
 )
 """What promised methods return."""

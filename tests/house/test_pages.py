@@ -16,10 +16,10 @@ from typing import Any
 import pytest
 
 from wideberth import build, save_plugin
+from wideberth.controllers.diagnosis.solve_record import Record
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
-from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse, read_config

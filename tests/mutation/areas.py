@@ -18,19 +18,19 @@ AREAS: dict[str, list[str]] = {
         "framework/tracking/perception.py",
         "framework/values/path_progress.py",
         f"{MPC}/ocp/reference.py",
-        f"{MPC}/costs/curve.py",
+        "controllers/costs/curve.py",
+        "controllers/recommended.py", "controllers/judging/*.py",
         *(
             f"{MPC}/planner/{name}.py"
             for name in (
-                "cycle", "emergency", "expected_contact", "first_contacts", "instance", "judging",
-                "manoeuvres", "multistart", "planner", "recommended", "rollout", "settings",
-                "starts", "stopping", "watchdog",
+                "cycle", "emergency", "instance", "judge", "multistart", "planner", "rollout",
+                "settings", "starts", "stopping", "watchdog",
             )
         ),
     ],
     "ladder": [
         f"{MPC}/planner/giving_way.py", f"{MPC}/planner/rungs.py", f"{MPC}/planner/verify.py",
-        f"{MPC}/diagnosis/explain.py",
+        "controllers/diagnosis/explain.py",
     ],
     "filling": [
         *(f"{MPC}/slots/{name}.py" for name in ("base", "gaussian_discs", "static_polygons")),
@@ -39,8 +39,9 @@ AREAS: dict[str, list[str]] = {
         f"{MPC}/assembly.py",
         *(
             f"{MPC}/levels/{name}.py"
-            for name in ("base", "discounted", "relaxed", "risk_allocation")
+            for name in ("base", "relaxed")
         ),
+        "controllers/levels/*.py",
     ],
     "regions": ["regions/*.py", "regions/static/*.py", "framework/numerics/geometry.py"],
     "propagation": [
@@ -66,7 +67,7 @@ AREAS: dict[str, list[str]] = {
         "metrics/scoring.py", "metrics/statistics.py",
         "framework/numerics/eigenframe.py", "framework/risk/collision_probability.py",
     ],
-    "slots": [f"{MPC}/slots/{name}.py" for name in ("drawn_futures", "between_steps")],
+    "slots": [f"controllers/slots/{name}.py" for name in ("drawn_futures", "between_steps")],
     "routes": ["routes/around_crowds.py", "routes/rerouting.py"],
     "identities": ["framework/tracking/identities.py"],
     "tables": ["experiments/engine/extract.py"],

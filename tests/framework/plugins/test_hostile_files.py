@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wideberth.controllers.diagnosis.solve_record import read_solve
 from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.engine.tasks import read_task
-from wideberth.framework.mpc.diagnosis.solve_record import read_solve
 from wideberth.framework.plugins.config import build, describe, load_plugin
 from wideberth.framework.plugins.io import expanded, read_json
 from wideberth.framework.plugins.yamlfile import apply, parse, read_config

@@ -14,7 +14,6 @@ import numpy as np
 from wideberth.framework.control.command_limits import attained, turns_on_the_spot, within_reach
 from wideberth.framework.control.end_of_path import Approach, Arrival, Spin
 from wideberth.framework.controller import Controller, avoids_polygons
-from wideberth.framework.mpc.planner.in_time import VelocityInTime
 from wideberth.framework.mpc.planner.standing import BLOCKED
 from wideberth.framework.robot import Robot
 from wideberth.framework.tracking.stand_ins import sound
@@ -38,6 +37,7 @@ from .decoding import (
     decode_message,
 )
 from .encoding import MessageEncoder
+from .in_time import VelocityInTime
 from .link import Publisher, Transport
 from .node_settings import NodeSettings
 from .obstacle_sources import (
