@@ -121,9 +121,10 @@ ARROWS: dict[str, set[str]] = {
     "wideberth_perception/studies": {
         "wideberth_perception/cascade", "wideberth_perception/physics",
     },
-    "predictors": {"predictors/calibrations", "predictors/core"},
+    "predictors": {"predictors/calibrations", "predictors/core", "predictors/data"},
     "predictors/calibrations": {"predictors/core"},
-    "predictors/core": set(),
+    "predictors/core": {"predictors/data"},
+    "predictors/data": set(),
     "regions": set(),
     "regions/static": {"regions"},
     "routes": set(),

@@ -58,7 +58,7 @@ AREAS: dict[str, list[str]] = {
         f"{CORE}/calibration.py", f"{CORE}/error_shape.py", "framework/calibration.py",
         "predictors/calibrations/*.py", "predictors/conformal.py",
         "predictors/adaptive_conformal.py", "predictors/empirical.py",
-        "framework/tracking/windows.py",
+        "predictors/data/windows.py",
     ],
     "judging": ["simulation/measures/*.py", "simulation/log/episode_log.py"],
     "metrics": [

@@ -18,8 +18,8 @@ from wideberth.framework.mpc.diagnosis.solve_record import read_solve
 from wideberth.framework.plugins.config import build, describe, load_plugin
 from wideberth.framework.plugins.io import expanded, read_json
 from wideberth.framework.plugins.yamlfile import apply, parse, read_config
-from wideberth.framework.tracking.recordings import read_robot_log, read_tracks
 from wideberth.framework.values.errors import WideberthError
+from wideberth.predictors.data.recordings import read_robot_log, read_tracks
 from wideberth.simulation.log.episode_log import Episode
 
 BILLION = "a0: &a0 [1, 1]\n" + "".join(
