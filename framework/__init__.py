@@ -47,12 +47,13 @@ _NAMES = {
     "values.path": "Path",
     "values.plan": "Plan Status",
     "values.polygon": "Polygon best_direction separation",
-    "values.sensing": "InertialSample Scan Sightings WheelSample",
+    "values.sensing": "Scan",
     "values.tracks": "Tracks",
     "wideberth.predictors.data.forecast_sets": "read_forecasts write_forecasts",
     "wideberth.predictors.data.recordings": "read_tracks",
     "wideberth.predictors.data.windows": "Windows cut_windows windows_of",
     "wideberth.routes.walls": "box walls_around walls_of_segments walls_of_shapes",
+    "wideberth.simulation.sensing.perceived": "InertialSample Sightings WheelSample",
 }
 """Module -> its public names, which are imported on first use; whole names are of higher rooms."""
 

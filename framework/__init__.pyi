@@ -106,10 +106,7 @@ from .values.plan import Status as Status
 from .values.polygon import Polygon as Polygon
 from .values.polygon import best_direction as best_direction
 from .values.polygon import separation as separation
-from .values.sensing import InertialSample as InertialSample
 from .values.sensing import Scan as Scan
-from .values.sensing import Sightings as Sightings
-from .values.sensing import WheelSample as WheelSample
 from .values.tracks import Tracks as Tracks
 from ..predictors.data.forecast_sets import read_forecasts as read_forecasts
 from ..predictors.data.forecast_sets import write_forecasts as write_forecasts
@@ -121,4 +118,7 @@ from ..routes.walls import box as box
 from ..routes.walls import walls_around as walls_around
 from ..routes.walls import walls_of_segments as walls_of_segments
 from ..routes.walls import walls_of_shapes as walls_of_shapes
+from ..simulation.sensing.perceived import InertialSample as InertialSample
+from ..simulation.sensing.perceived import Sightings as Sightings
+from ..simulation.sensing.perceived import WheelSample as WheelSample
 __all__ = ['Adaptive', 'AdaptiveFiltering', 'Array', 'Auxiliary', 'Beliefs', 'Body', 'BodyPath', 'BoolArray', 'Bounds', 'Calibration', 'Command', 'Constraint', 'Controller', 'Cost', 'Costmap', 'Coverage', 'Detection', 'Discs', 'DrivesRobot', 'Event', 'FallbackRung', 'Filtering', 'Fittable', 'Forecast', 'Frame', 'GaussianObstacle', 'Guarantee', 'Identities', 'InertialSample', 'KnownObstacles', 'LIGHT', 'LevelPolicy', 'LevelledKind', 'Measurements', 'MomentCalibration', 'NotHeld', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'PlanningContext', 'Polygon', 'Pose', 'Predictor', 'Promise', 'Quantity', 'Region', 'Relation', 'Robot', 'Route', 'RoutePlanner', 'Scalar', 'Scan', 'Scene', 'Sightings', 'SlotAssignment', 'SlotKind', 'SlotNumbers', 'SlotSizes', 'Slots', 'Solver', 'StaticRegion', 'Status', 'Touch', 'Tracks', 'Twist', 'WheelSample', 'WideberthError', 'Windows', 'active_slots', 'best_direction', 'bodies', 'body_starts', 'box', 'build', 'check_calibration', 'check_controller', 'check_cost', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_static_region', 'collision_probability', 'cut_windows', 'describe', 'deviations', 'fewest_ranks', 'largest', 'level_of', 'load', 'load_plugin', 'moments', 'names', 'next_capacity', 'on_time', 'rank_quantile', 'read_config', 'read_forecasts', 'read_tracks', 'recommended', 'refuse_misfits', 'register', 'resampled_tracks', 'save_plugin', 'separation', 'slots_of', 'solve_many', 'steer', 'walls_around', 'walls_of_segments', 'walls_of_shapes', 'windows_of', 'write_forecasts']

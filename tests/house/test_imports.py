@@ -131,7 +131,7 @@ ARROWS: dict[str, set[str]] = {
     "wideberth_ros": set(),
     "wideberth_ros/cli": {"wideberth_ros"},
     "simulation/drawing": set(),
-    "simulation/log": {"simulation/drawing"},
+    "simulation/log": {"simulation/drawing", "simulation/sensing"},
     "simulation/sensing": set(),
     "simulation/engine": {"simulation/log", "simulation/sensing"},
     "simulation/measures": {"simulation/engine", "simulation/log"},

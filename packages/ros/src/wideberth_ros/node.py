@@ -25,7 +25,8 @@ from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.polygon import separation
-from wideberth.framework.values.sensing import MotionEstimate, Scan
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import MotionEstimate
 from wideberth_perception.observed_state import own_state
 
 from .command_topic import CommandTopic
