@@ -33,7 +33,6 @@ _NAMES = {
         check_static_region
     """,
     "tracking.identities": "Identities",
-    "tracking.resampling": "resampled_tracks",
     "values.arrays": "Array BoolArray Scalar",
     "values.beliefs": "Beliefs",
     "values.costmap": "Costmap",
@@ -51,6 +50,7 @@ _NAMES = {
     "values.tracks": "Tracks",
     "wideberth.predictors.data.forecast_sets": "read_forecasts write_forecasts",
     "wideberth.predictors.data.recordings": "read_tracks",
+    "wideberth.predictors.data.resampled": "resampled_tracks",
     "wideberth.predictors.data.windows": "Windows cut_windows windows_of",
     "wideberth.routes.walls": "box walls_around walls_of_segments walls_of_shapes",
     "wideberth.simulation.sensing.perceived": "InertialSample Sightings WheelSample",

@@ -78,7 +78,6 @@ from .testing import check_slot_kind as check_slot_kind
 from .testing import check_solver as check_solver
 from .testing import check_static_region as check_static_region
 from .tracking.identities import Identities as Identities
-from .tracking.resampling import resampled_tracks as resampled_tracks
 from .values.arrays import Array as Array
 from .values.arrays import BoolArray as BoolArray
 from .values.arrays import Scalar as Scalar
@@ -111,6 +110,7 @@ from .values.tracks import Tracks as Tracks
 from ..predictors.data.forecast_sets import read_forecasts as read_forecasts
 from ..predictors.data.forecast_sets import write_forecasts as write_forecasts
 from ..predictors.data.recordings import read_tracks as read_tracks
+from ..predictors.data.resampled import resampled_tracks as resampled_tracks
 from ..predictors.data.windows import Windows as Windows
 from ..predictors.data.windows import cut_windows as cut_windows
 from ..predictors.data.windows import windows_of as windows_of

@@ -3,14 +3,19 @@
 import re
 from collections.abc import Iterator
 from math import isinf
+from pathlib import Path
 from typing import Any, NoReturn
 
 import yaml
 
 from ..values.errors import WideberthError, short
+from .io import read_text
 
 _AMBIGUOUS = re.compile(r"[-+]?(?:0[0-9_]+|0b[01_]+|.*[_:].*)")
 """Numbers of YAML 1.1 that are other numbers or text in YAML 1.2: 010 is 8 or 10, 1:30 is 90."""
+
+SHARED = ("recommended",)
+"""Names of the settings that configs share: ``framework/NAME.yaml``."""
 
 
 class Loader(yaml.SafeLoader):
@@ -44,8 +49,6 @@ class Loader(yaml.SafeLoader):
 
     def _shared(self, name: Any) -> Any:
         """Return the node of the shared settings that ``<<: NAME`` names."""
-        from .yamlfile import shared_text
-
         try:
             return Loader(shared_text(str(name.value))).get_single_node()
         except WideberthError as error:
@@ -73,6 +76,20 @@ class Loader(yaml.SafeLoader):
         if value == 0.0 and isinstance(value, float) and re.match(r"[-+.0]*[1-9]", text):
             self.refuse(node, f"{text} is too small for a number; write 0.0")
         return value
+
+
+def shared_text(name: str) -> str:
+    """Return the YAML text of settings that configs share, by their name in `SHARED`.
+
+    Raises
+    ------
+    WideberthError : no settings of this name.
+    """
+    from .registry import unknown
+
+    if name not in SHARED:
+        raise WideberthError(unknown("shared settings", name, SHARED))
+    return read_text(Path(__file__).parents[1] / f"{name}.yaml", "a YAML file")
 
 
 for name in ("int", "float", "timestamp", "bool"):

@@ -7,9 +7,6 @@ from typing import Any
 from ..values.errors import WideberthError, short
 from .io import read_text
 
-SHARED = ("recommended",)
-"""Names of the settings that configs share: ``framework/NAME.yaml``."""
-
 
 def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any]:
     """Read a config file and apply overrides such as ``"region.tail=0.1"``.
@@ -63,7 +60,7 @@ def parse(text: str, place: str) -> Any:
     >>> parse("first: &first {weight: 1, tail: 0.1}\nsecond: {<<: *first, tail: 0.2}", "example")
     {'first': {'weight': 1, 'tail': 0.1}, 'second': {'weight': 1, 'tail': 0.2}}
 
-    and shipped settings have names (`SHARED`):
+    and shipped settings have names:
 
     >>> parse("planner: {<<: recommended, margin: 0.3}", "example")["planner"]["margin"]
     0.3
@@ -112,20 +109,6 @@ def _line(mark: Any) -> str:
     return f"line {mark.line + 1}, column {mark.column + 1}"
 
 
-def shared_text(name: str) -> str:
-    """Return the YAML text of settings that configs share, by their name in `SHARED`.
-
-    Raises
-    ------
-    WideberthError : no settings of this name.
-    """
-    from .registry import unknown
-
-    if name not in SHARED:
-        raise WideberthError(unknown("shared settings", name, SHARED))
-    return read_text(Path(__file__).parents[1] / f"{name}.yaml", "a YAML file")
-
-
 def shared_settings(name: str) -> dict[str, Any]:
     """Return the settings that ``<<: NAME`` takes over in a config.
 
@@ -134,6 +117,8 @@ def shared_settings(name: str) -> dict[str, Any]:
     >>> shared_settings("recommended")["margin"]
     0.1
     """
+    from .yaml_loader import shared_text
+
     settings: dict[str, Any] = parse(shared_text(name), name)
     return settings
 

@@ -42,7 +42,10 @@ AREAS: dict[str, list[str]] = {
             for name in ("base", "discounted", "relaxed", "risk_allocation")
         ),
     ],
-    "regions": ["regions/*.py", "regions/static/*.py", "framework/numerics/geometry.py"],
+    "regions": [
+        "regions/*.py", "regions/static/*.py", "framework/numerics/geometry.py",
+        "metrics/ellipses.py",
+    ],
     "propagation": [
         "framework/values/forecast.py",
         *(

@@ -12,7 +12,6 @@ from typing import Any, final
 import numpy as np
 
 from wideberth.framework.control.command_limits import attained, turns_on_the_spot, within_reach
-from wideberth.framework.control.end_of_path import Approach, Arrival, Spin
 from wideberth.framework.controller import Controller, avoids_polygons
 from wideberth.framework.mpc.planner.in_time import VelocityInTime
 from wideberth.framework.mpc.planner.standing import BLOCKED
@@ -39,6 +38,7 @@ from .decoding import (
     decode_message,
 )
 from .encoding import MessageEncoder
+from .end_of_path import Approach, Arrival, Spin
 from .link import Publisher, Transport
 from .node_settings import NodeSettings
 from .obstacle_sources import (
