@@ -12,12 +12,13 @@ from scipy.interpolate import CubicSpline
 from wideberth.benchmarks.joint_probabilistic import JointProbabilistic
 from wideberth.experiments.studies.prediction_data import PredictionData
 from wideberth.framework.plugins.config import build
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Scan, TrackedObstacle
-from wideberth.metrics.tracking import track_scores
+from wideberth.framework.values.sensing import Scan
+from wideberth.predictors.data.recordings import Recording
+from wideberth.simulation.sensing.perceived import TrackedObstacle
 from wideberth_perception.detector import Detector
 from wideberth_perception.tracker import Tracker
+from wideberth_perception.tracking_scores import track_scores
 
 BEAMS, RATE, TURN = 360, 10.0, 0.2
 """Beams, scans per second, and rad/s that the sensor turns at."""

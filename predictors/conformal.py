@@ -8,7 +8,6 @@ import numpy as np
 
 from ..framework.calibration import Calibration, CalibrationScores, MomentCalibration
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import same_dimension
 from ..framework.values.arrays import probability, whole
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.coverage import Coverage
@@ -18,6 +17,7 @@ from .calibrations.per_step import PerStep
 from .core.assembly import refuse_adaptive
 from .core.calibration import Scales, known_scales, same_step, scaled, scored, scored_in_time
 from .core.wrapping import Wrapping
+from .data.windows import same_dimension
 from .empirical import Empirical
 
 

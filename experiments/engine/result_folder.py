@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.config import build, describe
-from ...framework.plugins.io import flush, read_json, write_json, write_text
-from ...framework.plugins.yamlfile import STORED, dump, parse, read_config
+from ...framework.plugins.io import read_json, write_json, write_text
+from ...framework.plugins.yamlfile import dump, parse, read_config
 from ...framework.values.errors import WideberthError
 from .file_lock import file_lock
 from .inside import files_inside, inside, is_inside
 from .progress import say
-from .tasks import TASKS, read_task, seal, task_folders
+from .tasks import TASKS, flush, read_task, seal, task_folders
 
 CONFIG, PROVENANCE = "config.yaml", "provenance.json"
 TABLES = ("table.csv", "times.csv", "summary.csv", "summary.md", "table.parquet")
@@ -172,7 +172,7 @@ def is_smaller(
         raise WideberthError(f"{out} holds a result without its {CONFIG}; {CURE}")
     origin = inside(out, PROVENANCE)
     try:
-        found = read_config(inside(out, CONFIG), stored=True)
+        found = read_config(inside(out, CONFIG))
         stored = read_json(origin, "provenance", 1)
     except WideberthError as error:
         raise WideberthError(f"{error}; {CURE}") from None
@@ -203,7 +203,7 @@ def check_config(config: Mapping[str, Any]) -> None:
     """
     text = dump(dict(config))
     try:
-        found = parse(text, CONFIG, STORED)
+        found = parse(text, CONFIG)
         plugins = found.pop("plugins")
         again = {**describe(build("experiments", found)), "plugins": plugins}
     except (WideberthError, KeyError) as error:

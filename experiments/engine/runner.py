@@ -298,7 +298,7 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
         not registered.
     """
     check_finished(folder)
-    config = read_config(inside(folder, "config.yaml"), stored=True)
+    config = read_config(inside(folder, "config.yaml"))
     modules = config.pop("plugins", None) or []
     try:
         with chdir(os.curdir):  # plug-ins may change it

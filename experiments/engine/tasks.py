@@ -6,6 +6,7 @@ the tables are made, the files. KEY is a hash of the experiment's config and the
 driver writes there.
 """
 
+import errno
 import hashlib
 import json
 import os
@@ -16,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from ...framework.plugins.io import flush, parse_json, read_text, stamped, unstamped
+from ...framework.plugins.io import parse_json, read_text, stamped, unstamped
 from ...framework.values.errors import WideberthError, short
 from .base import Row, Task, TaskOutcome
 from .csv_tables import table_text
@@ -150,6 +151,27 @@ def write_task(folder: Path, key: str, task: Task, outcome: TaskOutcome) -> None
     except OSError as error:
         reason = error.strerror or error
         raise WideberthError(f"{folder / key} cannot be written: {reason}") from None
+
+
+def flush(path: Path) -> None:
+    """Wait until the disk holds the content of a file, or the names in a folder.
+
+    Nothing is waited for on Windows, and where a file system does not flush folders.
+
+    Raises
+    ------
+    OSError : the path cannot be opened or written.
+    """
+    if os.name == "nt":  # flushes only what is open for writing
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
 
 
 def _stamped(content: Mapping[str, Any]) -> bytes:

@@ -172,7 +172,7 @@ def _labels(path: Path, task: Task | None) -> dict[str, str]:
     if task is None:
         return {"scenario": path.stem}
     folder = path.resolve().parents[1]
-    stated = read_config(inside(folder, "config.yaml"), stored=True).get("scenario")
+    stated = read_config(inside(folder, "config.yaml")).get("scenario")
     known = {name: str(task.settings[name]) for name in KEPT_BY if name in task.settings}
     alone = stated.get("type") if isinstance(stated, dict) else None  # of one, tasks name none
     scenario = str(alone or known.get("scenario") or folder.name)
@@ -245,7 +245,7 @@ def kept_episodes(folder: Path) -> list[Path]:
 def result_tail(folder: Path) -> float:
     """Return the tail that a result's own figures are drawn with, else 0.05."""
     file = inside(folder, "config.yaml")
-    stated = read_config(file, stored=True).get("tail") if file.is_file() else None
+    stated = read_config(file).get("tail") if file.is_file() else None
     return float(stated) if isinstance(stated, int | float) and 0 < stated < 1 else TAIL
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from ...framework import Detection, Observation, Predictor, Scene
 from ...framework.tracking.perception import FORGET, Perception
-from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import Array, BoolArray, positive, whole
 from ...metrics.scoring import reached_tail, region_area
 from ...metrics.statistics import known_mean
+from ...predictors.data.recordings import Recording
 from ...simulation.engine.agents import ReplayAgent
 from ..drawing.plotting import PAGE, legend_below, style, subplots, title
 from ..engine.closed_loop import column, group

@@ -15,10 +15,10 @@ from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.config import describe
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import Array, whole
 from ...framework.values.coverage import Coverage, Event
 from ...metrics.statistics import known_mean, ratio, ratio_interval
+from ...predictors.data.recordings import Recording
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.kept_clear import KeptClear, people_of

@@ -9,7 +9,7 @@ from typing import ClassVar, Self, final
 
 from ...framework import Fittable, Predictor, WideberthError, build, names
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.recordings import usual_speed
+from ...predictors.data.recordings import usual_speed
 from ..engine.closed_loop import group
 from .fitting import AS_GIVEN, NOTHING, check_fit, fitted
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome

@@ -9,11 +9,11 @@ import numpy as np
 from ...framework import Controller, Robot, Tracks, WideberthError
 from ...framework.controller import driving
 from ...framework.numerics.chi_square import content_bound
-from ...framework.tracking.windows import windows_of
 from ...framework.values.arrays import Array, positive, whole
 from ...metrics.statistics import known_mean, ratio_interval
 from ...predictors.conformal import Conformal
 from ...predictors.core.calibration import replayed, squared_distances
+from ...predictors.data.windows import windows_of
 from ...simulation.engine.settings import Settings
 from ...simulation.measures.summary import summarise
 from ...simulation.scenarios.base import Scenario

@@ -16,7 +16,6 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from ..values.errors import WideberthError, short
 from .deprecated import current
-from .extras import gathered
 from .io import check_target, expanded, read_json, write_json
 from .registry import (
     as_data,
@@ -77,15 +76,9 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     Raises
     ------
     WideberthError : unknown name, unknown key, missing key, wrong type, or whatever the
-        constructor refuses; the message begins with the dotted path. If libraries are
-        missing it names all of them, with the extras that install them.
+        constructor refuses; the message begins with the dotted path.
     """
-    with gathered():
-        return _build(room_name(room), value, path, default)
-
-
-def _build(room: str, value: Any, path: str, default: Any) -> Any:
-    """Build a plug-in of a room, named in the plural, as `build` does."""
+    room = room_name(room)
     if room_of(type(value)) == room:
         return value
     if isinstance(value, str):

@@ -24,7 +24,7 @@ from wideberth.experiments.engine import column_descriptions, result_folder
 from wideberth.experiments.engine.shipped_configs import shipped
 from wideberth.framework.plugins import config, lazy, registry
 from wideberth.framework.plugins.extensions import module_file
-from wideberth.framework.tracking import forecast_sets
+from wideberth.predictors.data import forecast_sets
 from wideberth.simulation.log import episode_log
 from wideberth.tests.house.options import held, names, others, plugins
 from wideberth.tests.house.stubs import FACES

@@ -5,8 +5,7 @@ import ast
 import numpy as np
 import pytest
 
-from wideberth.framework.numerics import geometry
-from wideberth.metrics import motion
+from wideberth.metrics import ellipses, motion
 from wideberth.tests.mutation import areas, forked
 from wideberth.tests.mutation.sites import changed, sites
 from wideberth.tests.mutation.study import stale
@@ -79,7 +78,7 @@ def test_changes_are_drawn_from_the_areas_that_are_named() -> None:
 
 def test_a_function_gets_its_new_code_wherever_it_is_known() -> None:
     """And its old code back."""
-    path, area = "framework/numerics/geometry.py", geometry.sum_volume
+    path, area = "metrics/ellipses.py", ellipses.sum_volume
     source = (areas.ROOT / path).read_text()
     site = next(one for one in sites(path, source) if one.owner == "sum_volume")
     old, given = area.__code__, (np.array([2.0, 1.0]), np.array(0.5))

@@ -43,7 +43,10 @@ AREAS: dict[str, list[str]] = {
         ),
         "controllers/levels/*.py",
     ],
-    "regions": ["regions/*.py", "regions/static/*.py", "framework/numerics/geometry.py"],
+    "regions": [
+        "regions/*.py", "regions/static/*.py", "framework/numerics/geometry.py",
+        "metrics/ellipses.py",
+    ],
     "propagation": [
         "framework/values/forecast.py",
         *(
@@ -59,7 +62,7 @@ AREAS: dict[str, list[str]] = {
         f"{CORE}/calibration.py", f"{CORE}/error_shape.py", "framework/calibration.py",
         "predictors/calibrations/*.py", "predictors/conformal.py",
         "predictors/adaptive_conformal.py", "predictors/empirical.py",
-        "framework/tracking/windows.py",
+        "predictors/data/windows.py",
     ],
     "judging": ["simulation/measures/*.py", "simulation/log/episode_log.py"],
     "metrics": [

@@ -19,8 +19,8 @@ from wideberth.framework.controller import fresh
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.io import expanded
 from wideberth.framework.predictor import Fittable
-from wideberth.framework.tracking.recordings import read_tracks
 from wideberth.framework.values.arrays import positive, whole
+from wideberth.predictors.data.recordings import read_tracks
 from wideberth.simulation.scenarios.recorded_scene import FILES, PLAZA, SCENES
 
 from ..controllers.acp import AdaptiveConformalPlanner

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from wideberth import WideberthError
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import TrackedObstacle
-from wideberth.metrics.tracking import gospa, nees, track_scores
+from wideberth.simulation.sensing.perceived import TrackedObstacle
+from wideberth_perception.tracking_scores import gospa, nees, track_scores
 
 places = st.lists(
     st.tuples(st.floats(-3, 3, allow_nan=False), st.floats(-3, 3, allow_nan=False)), max_size=4

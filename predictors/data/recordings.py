@@ -13,15 +13,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..plugins.io import read_bytes
-from ..values.arrays import Array, checked, positive, whole
-from ..values.errors import WideberthError, short
-from ..values.motion import Truth
-from ..values.tracks import Tracks
-from .identities import Identities
-from .names import DEVIATION
-from .noise import NoiseEstimate, estimated_noise
-from .resampling import MOST_CELLS, interpolated
+from ...framework.plugins.io import read_bytes
+from ...framework.tracking.identities import Identities
+from ...framework.tracking.names import DEVIATION
+from ...framework.tracking.noise import NoiseEstimate, estimated_noise
+from ...framework.tracking.resampling import MOST_CELLS, interpolated
+from ...framework.values.arrays import Array, checked, positive, whole
+from ...framework.values.errors import WideberthError, short
+from ...framework.values.motion import Truth
+from ...framework.values.tracks import Tracks
 
 Sample: TypeAlias = tuple[int, float, float, int]
 """(frame, x in m, y in m, line in the file)."""

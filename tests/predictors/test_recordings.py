@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wideberth.framework.tracking.recordings import Recording, read_robot_log, read_tracks
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Scene
+from wideberth.predictors.data.recordings import Recording, read_robot_log, read_tracks
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.oracle import Oracle
 
-DATA = Path(__file__).parents[3] / "experiments" / "data"
+DATA = Path(__file__).parents[2] / "experiments" / "data"
 
 
 def write(folder, text, name="tracks.txt"):

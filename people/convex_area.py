@@ -5,9 +5,9 @@ from typing import final
 
 import numpy as np
 
-from .arrays import Array, checked
-from .errors import WideberthError
-from .polygon import area_within, convex_hull, edge_normals, width_across
+from ..framework.values.arrays import Array, checked
+from ..framework.values.errors import WideberthError
+from ..framework.values.polygon import area_within, convex_hull, edge_normals, width_across
 
 NEAREST = 0.1
 """m, least way to the border."""

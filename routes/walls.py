@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Array, checked, checked_rows, positive
-from .errors import WideberthError
-from .polygon import MOST_CORNERS, THIN, Polygon, convex_parts, width_across
+from ..framework.values.arrays import Array, checked, checked_rows, positive
+from ..framework.values.errors import WideberthError
+from ..framework.values.polygon import MOST_CORNERS, THIN, Polygon, convex_parts, width_across
 
 STRAIGHT = 1e-6
 """m, by which segments that are joined may lie beside one line, or apart on it."""

@@ -12,12 +12,7 @@ from shapely import affinity
 from wideberth import WideberthError
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.polygon import MOST_CORNERS, Polygon
-from wideberth.framework.values.walls import (
-    box,
-    walls_around,
-    walls_of_segments,
-    walls_of_shapes,
-)
+from wideberth.routes.walls import box, walls_around, walls_of_segments, walls_of_shapes
 
 
 def together(walls: tuple[Polygon, ...]) -> Any:

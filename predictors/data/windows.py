@@ -6,9 +6,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..values.arrays import Array, whole
-from ..values.errors import WideberthError
-from ..values.tracks import Tracks
+from ...framework.values.arrays import Array, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.tracks import Tracks
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 

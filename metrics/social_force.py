@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..values.arrays import Array
+from ..framework.values.arrays import Array
 
 TINY = 1e-9
 """m; keeps the range of the force above zero where nothing moves against each other."""

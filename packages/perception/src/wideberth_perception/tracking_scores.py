@@ -7,9 +7,9 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..framework.values.arrays import Array, checked, positive
-from ..framework.values.errors import WideberthError
-from ..framework.values.sensing import TrackedObstacle
+from wideberth.framework.values.arrays import Array, checked, positive
+from wideberth.framework.values.errors import WideberthError
+from wideberth.simulation.sensing.perceived import TrackedObstacle
 
 IntArray: TypeAlias = NDArray[np.int64]
 

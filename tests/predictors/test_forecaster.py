@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.tracking.forecaster import KEPT, Forecaster
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.predictors import Kalman
+from wideberth.predictors.core.forecaster import KEPT, Forecaster
 
 VELOCITY = np.array([1.2, -0.4])
 TIMES = np.array([0.0, 0.5, 1.0])

@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from .listing import Listing, is_name, listing_of
+from ..framework.programs.listing import Listing, is_name, listing_of
 
 _HEAD = """void {name}(const int64_t *program, int64_t offset, int64_t count, const double *v,
     int64_t v_row, const double *p, int64_t p_row, double *out, int64_t out_row, double *work)

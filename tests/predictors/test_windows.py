@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.tracking.windows import cut_windows, windows_of
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.data.windows import cut_windows, windows_of
 
 
 def scene(rng, count=6, rows=30, holes=0.1, size=2):

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 from typing import final
 
-from ..predictor import Predictor
-from ..values.arrays import Array
-from ..values.forecast import Forecast, Scene
-from ..values.motion import Observation
-from ..values.tracks import Tracks
-from .perception import Perception, scene_of
+from ...framework.predictor import Predictor
+from ...framework.tracking.perception import Perception, scene_of
+from ...framework.values.arrays import Array
+from ...framework.values.forecast import Forecast, Scene
+from ...framework.values.motion import Observation
+from ...framework.values.tracks import Tracks
 
 DT, SAMPLES, KEPT = 0.1, 40, 3.0
 """s between samples of a track; their number; s after which a person is dropped who is no longer

@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wideberth.framework.tracking.forecast_sets import Predicted, read_forecasts, write_forecasts
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.data.forecast_sets import Predicted, read_forecasts, write_forecasts
 from wideberth.predictors.kalman import Kalman
 
 pyarrow: Any = pytest.importorskip("pyarrow")

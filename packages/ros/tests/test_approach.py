@@ -8,12 +8,13 @@ import pytest
 
 from wideberth import Observation, Path, names, recommended
 from wideberth.framework.control.command_limits import within_reach
-from wideberth.framework.control.end_of_path import LEFT, SHARE, Approach
+from wideberth.framework.control.end_of_path import LEFT, SHARE
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.motion import Command, Pose, Twist
 from wideberth.robots import Bicycle, Unicycle
+from wideberth_ros.end_of_path import Approach
 
 ROBOT = Unicycle(radius=0.3, max_yaw_rate=1.0, max_yaw_acceleration=1.0)
 TICK, PERIOD, NEAR = 0.05, 0.2, 0.25

@@ -8,13 +8,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..plugins.extras import from_extra
-from ..plugins.io import read_bytes, stamped, unstamped, write_bytes
-from ..values.arrays import Array
-from ..values.errors import WideberthError
-from ..values.forecast import Forecast
-from ..values.tracks import Tracks
-from .resampling import MOST_CELLS
+from ...framework.plugins.extras import from_extra
+from ...framework.plugins.io import read_bytes, stamped, unstamped, write_bytes
+from ...framework.tracking.resampling import MOST_CELLS
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import Forecast
+from ...framework.values.tracks import Tracks
 
 Predicted: TypeAlias = tuple[Tracks, Forecast]
 """What was observed, and what was predicted from it."""
