@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.report.page import PLAYER, TEMPLATES
 from wideberth.experiments.report.player import (
     LENGTH,
+    PLAYER,
+    TEMPLATES,
     TIME,
     Recorded,
     content,
