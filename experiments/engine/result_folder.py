@@ -251,14 +251,11 @@ def moved_files(out: Path, folder: Path) -> list[Path]:
         task = read_task(folder.parent, folder.name)
     except WideberthError:  # a damaged one does not say which files it had
         return []
-    places = [file_place(out, folder.name, name) for name in (task.files if task else ())]
-    return [path for path in places if folder not in path.parents]
-
-
-def file_place(out: Path, key: str, name: str) -> Path:
-    """Return where a file of a task is: in the task's folder, or at its place in the result."""
-    path = inside(out, f"{TASKS}/{key}/files/{name}")
-    return path if path.exists() else inside(out, f"files/{name}")
+    return [
+        inside(out, f"files/{name}")
+        for name in (task.files if task else ())
+        if not inside(out, f"{TASKS}/{folder.name}/files/{name}").exists()
+    ]
 
 
 def remove_task(out: Path, folder: Path) -> None:
