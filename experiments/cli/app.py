@@ -500,14 +500,9 @@ def _mean_config(word: str) -> None:
     from ..engine.shipped_configs import shipped
     from .describing import is_config_room
 
-    if is_config_room(word):
-        raise WideberthError(
-            "`wideberth show config NAME` prints a shipped config; none was named"
-        )
-    if word == COLUMN:
-        raise WideberthError(
-            "`wideberth show column NAME` says what a column means; none was named"
-        )
+    if is_config_room(word) or word == COLUMN:
+        does = "says what a column means" if word == COLUMN else "prints a shipped config"
+        raise WideberthError(f"`wideberth show {word} NAME` {does}; none was named")
     if word in shipped():
         raise WideberthError(
             f"{result_folder(word)} holds no result; `wideberth run {word}` makes one, and "
