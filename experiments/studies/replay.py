@@ -1,6 +1,5 @@
 """The robot crosses among recorded people, who do not know of it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -79,14 +78,6 @@ class Replay(SeededStudy):
         "make way for it); what does the predictor change?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "comparison": (
-            "Clearance and time of every episode by planner: below the line at 0 the robot "
-            "touched a person."
-        ),
-        **SeededStudy.run_captions,
-    }
-    headline: ClassVar[tuple[str, ...]] = ("drove_into", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
         *("drove_into", "run_into", "sudden", "goals_in_time"),
         *("clearance_min_m", "time_ratio", "below_reference", "coverage"),

@@ -146,13 +146,6 @@ class ConformalTable(GridStudy):
         "dixit2023adaptive,lekeufack2024conformal,shin2025egocentric,shin2026prediction,"
         "efron1993introduction"
     )
-    captions: ClassVar[Mapping[str, str]] = {
-        "conformal_table": (
-            "Share of rows with a person too near against the share of starts from which the "
-            "goal is reached; bars are 95 % intervals of the difference to ours."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("collision", "arrivals", "steps")
     printed: ClassVar[tuple[str, ...]] = (
         *("starts", "collision", "infeasible", "steps", "arrivals", "hits", "unavoidable"),
         *(*KINDS, "p_difference"),
