@@ -178,6 +178,8 @@ class Episode(Timed):
 class Start:
     """Starts of Python, in a process each."""
 
+    rounds, repeat = 3, (3, 5, 10.0)
+
     def timeraw_import_package(self) -> str:
         """Import the package."""
         return "import wideberth"
