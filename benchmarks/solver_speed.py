@@ -226,7 +226,7 @@ def _quality(rows: Sequence[Row], best: dict[tuple[str, int], float]) -> Row:
     """
     solved = np.array([row["solved"] for row in rows])
     violated = np.array([row["violation"] for row in rows])
-    iterations = np.percentile([row["iterations"] for row in rows], [50, 99, 100])
+    iterations = np.percentile([row["iterations"] for row in rows], [50, 99, 100]).tolist()
     found = []
     for row in rows:
         least = best.get((row["region"], row["instance"]), float("nan"))
