@@ -6,6 +6,7 @@ ROOMS := framework draw people metrics predictors regions robots routes solvers 
 PACKAGES := arenas embedded nav2 perception ros
 EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
+SINCE ?= $(or $(shell git describe --tags --abbrev=0 2> /dev/null),main)
 SITE ?= docs/_build/html
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
@@ -84,11 +85,14 @@ docs: .venv/ready       ## build the site into docs/_build/html, warnings as err
 	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs $(SITE)
 	@echo "docs: open $(SITE)/index.html"
 
-bench: .venv/ready      ## measure speed (see benchmarks/README.md)
-	$(BIN)/python benchmarks/run.py
+bench: .venv/ready      ## measure solvers (benchmarks/README.md has the other questions)
+	$(BIN)/python benchmarks/run.py solvers
 
-history: .venv/ready    ## say whether this checkout is slower than the last release
-	$(BIN)/python benchmarks/history/compare.py
+history: export OMP_NUM_THREADS := 1
+history: export PATH := $(CURDIR)/$(BIN):$(PATH)
+history: .venv/ready    ## say whether the last commit here is slower than SINCE, by default the last release
+	$(BIN)/asv machine --yes --config benchmarks/asv.conf.json
+	$(BIN)/asv continuous --config benchmarks/asv.conf.json --interleave-rounds --split $(SINCE) HEAD
 
 # Its wheel holds another CasADi beside acados, so that it must not be installed into .venv.
 acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/acados

@@ -228,5 +228,5 @@ def test_it_passes_a_walker_and_arrives(
 ) -> None:
     """At the paper's weights a robot of 1 m/s circles its goal instead."""
     monkeypatch.syspath_prepend(str(File(__file__).parents[2] / "benchmarks"))
-    found = import_module("recommended_arrives").drive(recommended(robot, speed, quiet=True), True)
+    found = import_module("recommended").drive(recommended(robot, speed, quiet=True), True)
     assert found.time < 1.3 and found.way < 1.2 and found.clearance > 0.1

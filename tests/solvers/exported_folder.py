@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.benchmarks.recorded_instances import read_instances
+from wideberth.benchmarks.recorded_instances import SAMPLE, read_instances
 from wideberth.experiments.cli.export import exported_solver
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.tracking import Tracking
@@ -29,9 +29,8 @@ from wideberth.solvers.export.solver.files import SOURCES, bundle
 from wideberth.solvers.export.subject import Subject
 from wideberth.solvers.riccati.solver import Riccati
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ROOT / "tests" / "data" / "c"
-SAMPLE = ROOT / "tests" / "data" / "mpc_instances.npz"
 COMPILER = shutil.which("cc")
 STRICT = "-std=c99 -Wall -Wextra -Wpedantic -Werror -D_DEFAULT_SOURCE"
 QUICK, FAST = "-O1", "-O3 -fno-math-errno -fno-trapping-math"
