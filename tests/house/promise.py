@@ -35,8 +35,6 @@ PLACE = ROOT / "docs" / "promise.yaml"
 HEAD = "# Written by `make promise`; docs/promise.md explains it.\n"
 OURS = ("wideberth.", "wideberth_")
 """How the modules of this repository begin."""
-REST = "further"
-"""The group of the reference that lists what other signatures mention: it is not promised."""
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
 ALSO = (
     "wideberth.framework.mpc.diagnosis.solve_record:SolveRecord",
@@ -75,7 +73,7 @@ def promised() -> dict[str, Any]:
 
 @cache
 def _tier_1() -> dict[str, Any]:
-    return _names([group for group in groups() if group.name != REST])
+    return _names(groups())
 
 
 def for_extensions() -> dict[str, list[str]]:
