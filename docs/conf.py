@@ -106,8 +106,8 @@ def read(app, name, source):
 
 def process_docstring(app, what, name, found, options, lines):
     """Write a docstring as napoleon, which comes next, reads it."""
-    text = docstrings.rewritten("\n".join(lines))
-    lines[:] = ["", *text.splitlines()]  # in a first line a colon would part type and text
+    first = ["\\ "] if what == "attribute" else []  # in its first line a colon would end a type
+    lines[:] = [*first, *docstrings.rewritten("\n".join(lines)).splitlines()]
 
 
 def process_signature(app, what, name, found, options, signature, returned):

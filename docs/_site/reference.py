@@ -58,14 +58,14 @@ def groups() -> list[Group]:
     """Collect every public name, by group; what has a group by name or room is in no other."""
     listed = yaml.safe_load((DOCS / "reference.yaml").read_text(encoding="utf-8"))
     entries: dict[str, tuple[Entry, ...]] = {}
-    for group in sorted(listed, key=lambda one: "offered" in one):
-        taken = {id(entry.found) for found in entries.values() for entry in found}
+    for group in sorted(listed, key=lambda one: ("offered" in one, "bases" in one)):
+        taken = {id(entry.found): entry.found for found in entries.values() for entry in found}
         entries[group["name"]] = tuple(entries_of(group, taken))
     return [Group(one["name"], one["title"], one["text"], entries[one["name"]]) for one in listed]
 
 
-def entries_of(group: dict[str, Any], taken: set[int]) -> Iterator[Entry]:
-    """Yield the entries of a group, without offered ones that are taken."""
+def entries_of(group: dict[str, Any], taken: dict[int, Any]) -> Iterator[Entry]:
+    """Yield the entries of a group, without offered ones and bases that are taken."""
     if group["name"] in ROOMS:
         yield from (plugin_entry(group["name"], name) for name in names(group["name"]))
     for module, chosen in group.get("names", {}).items():
@@ -77,6 +77,10 @@ def entries_of(group: dict[str, Any], taken: set[int]) -> Iterator[Entry]:
             found = getattr(import_module(module), name)
             if any(kind(found) for kind in kinds) and id(found) not in taken:
                 yield Entry(f"{module}.{name}", found)
+    classes = [found for found in taken.values() if inspect.isclass(found) and "bases" in group]
+    for base in sorted({base for one in classes for base in one.__mro__}, key=str):
+        if base.__module__.startswith("wideberth") and id(base) not in taken:
+            yield Entry(f"{base.__module__}.{base.__name__}", base)
 
 
 def plugin_entry(room: str, name: str) -> Entry:

@@ -35,6 +35,8 @@ PLACE = ROOT / "docs" / "promise.yaml"
 HEAD = "# Written by `make promise`; docs/promise.md explains it.\n"
 OURS = ("wideberth.", "wideberth_")
 """How the modules of this repository begin."""
+REST = "further"
+"""The group of the reference that lists what others derive from: it is not promised."""
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
 ALSO = (
     "wideberth.framework.mpc.diagnosis.solve_record:SolveRecord",
@@ -73,7 +75,7 @@ def promised() -> dict[str, Any]:
 
 @cache
 def _tier_1() -> dict[str, Any]:
-    return _names(groups())
+    return _names([group for group in groups() if group.name != REST])
 
 
 def for_extensions() -> dict[str, list[str]]:
