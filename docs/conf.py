@@ -19,8 +19,8 @@ release = version = wideberth.__version__
 ADDRESSES = repository.addresses()
 
 extensions = [
-    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon",
-    "sphinx.ext.viewcode", "sphinx-mathjax-offline", "sphinx_copybutton", "sphinx_design",
+    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode", "sphinx_copybutton", "sphinx_design",
     "sphinx_gallery.gen_gallery",
 ]  # fmt: skip
 exclude_patterns = ["_build", "_site", "tutorials", "gallery", "**/GALLERY_HEADER.rst"]
@@ -28,7 +28,7 @@ nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!wideberth\.).*")]  # what other libraries define
 suppress_warnings = ["config.cache"]
 
-myst_enable_extensions = ["colon_fence", "dollarmath", "attrs_block"]
+myst_enable_extensions = ["colon_fence", "attrs_block"]
 myst_heading_anchors = 4
 napoleon_google_docstring = False
 napoleon_attr_annotations = False  # the signature has them

@@ -88,16 +88,31 @@ def test_a_thumbnail_is_cut_and_filled_up_with_white(gallery: Any) -> None:
         assert found.getpixel(place) == Image.new("RGB", (1, 1), colour).getpixel((0, 0))
 
 
-def test_a_film_gets_smaller_and_lasts_as_long(gallery: Any, tmp_path: Path) -> None:
+FILM = """python -c "from PIL import Image
+frames = [Image.effect_noise((700, 100), 50 + i).convert('RGB') for i in range(30)]
+frames[0].save('long.gif', save_all=True, append_images=frames[1:], duration=50)"
+"""
+
+
+@pytest.mark.parametrize(("most", "width"), [(10**9, 640), (0, 320)])
+def test_a_film_gets_smaller_until_it_is_small_enough(
+    most: int, width: int, gallery: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from PIL import Image
 
-    frames = [Image.effect_noise((700, 100), 50 + i).convert("RGB") for i in range(30)]
-    film = {"save_all": True, "append_images": frames[1:], "duration": 50}
-    frames[0].save(tmp_path / "long.gif", **film)
-    gallery.shrink(tmp_path / "long.gif", tmp_path / "film.gif", 320)
-    with Image.open(tmp_path / "film.gif") as image:
-        assert image.n_frames <= gallery.FRAMES and image.width == 320
-        assert abs(image.n_frames * image.info["duration"] - 30 * 50) <= 2 * 50
+    film = gallery.Picture("film", "", "", "kept/film.gif", command=FILM, file="long.gif")
+    for name, value in (
+        ("DOCS", tmp_path),
+        ("KEPT", tmp_path / "kept"),
+        ("LARGEST", most),
+        ("pictures", lambda: [film]),
+    ):
+        monkeypatch.setattr(gallery, name, value)
+    gallery.draw([])
+    with Image.open(tmp_path / "kept" / "film.gif") as image:
+        assert image.n_frames <= gallery.FRAMES and image.width == width
+        lasts = image.n_frames * image.info["duration"]
+    assert abs(lasts - 30 * 50) <= 2 * 50  # as long
 
 
 def test_what_a_command_draws_in_a_folder_of_its_own_is_kept(

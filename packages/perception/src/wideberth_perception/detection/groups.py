@@ -18,7 +18,7 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
 
     Neighbours belong together if at most `MISSING` beams lie between them and
 
-    |p_i - p_j| < (1 + l) (gap + growth r),   r the nearer range, l the lost beams between
+        |p_i - p_j| < (1 + l) (gap + growth r),   r the nearer range, l the lost beams between
 
     The last and the first point of a full turn are neighbours too.
 
