@@ -125,7 +125,7 @@ pictures: .venv/ready   ## draw the film of the README, and what commands draw f
 	$(BIN)/python docs/draw_pictures.py
 
 notebooks: .venv/ready  ## write the tutorials as notebooks, which Colab opens
-	cd docs && ../$(BIN)/python -c "from _site import tutorials; tutorials.write()"
+	cd docs && ../$(BIN)/python -c "from _site import tutorials; tutorials.write_notebooks()"
 
 graph: .venv/ready      ## draw which groups of modules import which
 	$(BIN)/python docs/draw_import_graph.py

@@ -26,7 +26,7 @@ from .empirical import Empirical
 class Conformal(Wrapping, Fittable):
     """Scales the covariances of a base predictor so that regions keep a promise.
 
-    Sigma_h -> s_h Sigma_h,   s_h = q_h / q_D
+        Sigma_h -> s_h Sigma_h,   s_h = q_h / q_D
 
     with q_h the squared size of the region of step h, in units of the base's covariance, by which
     the ``calibration`` keeps its promise on data, and q_D the quantile of chi^2_D at 1 - tail:

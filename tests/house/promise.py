@@ -36,7 +36,7 @@ HEAD = "# Written by `make promise`; docs/promise.md explains it.\n"
 OURS = ("wideberth.", "wideberth_")
 """How the modules of this repository begin."""
 REST = "further"
-"""The group of the reference that lists what other signatures mention: it is not promised."""
+"""The group of the reference that lists what others derive from: it is not promised."""
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
 ALSO = (
     "wideberth.controllers.diagnosis.solve_record:SolveRecord",

@@ -55,12 +55,11 @@ class Planner(PlannerSettings, Controller):
     execute, and the plan says why it is not the optimal one.
 
     The cycle itself is `wideberth.framework.mpc.planner.cycle.step`; this class holds its state.
+    All parameters but `record` are those of `PlannerSettings`.
 
     Parameters
     ----------
     record : where solves that failed or took long are kept for `wideberth explain`.
-
-    All others are those of `PlannerSettings`.
 
     Raises
     ------

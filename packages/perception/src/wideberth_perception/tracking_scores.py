@@ -43,7 +43,7 @@ def gospa(
 ) -> Gospa:
     """Generalised optimal sub-pattern assignment metric, with alpha = 2.
 
-    GOSPA^p = min over assignments  sum_pairs d(x_i, y_j)^p + c^p / 2 (|X| + |Y| - 2 |pairs|)
+        GOSPA^p = min over assignments  sum_pairs d(x_i, y_j)^p + c^p / 2 (|X| + |Y| - 2 |pairs|)
 
     with c the ``cut`` and p the ``order``. A pair costs at most as much as a missed position and
     a false one together.
