@@ -125,20 +125,6 @@ def test_editable_installation_is_a_folder_on_the_path(
     assert Path(done.stdout.strip()).resolve() == added.resolve(), done.stderr
 
 
-def test_import_is_light_and_without_twins(tmp_path: Path) -> None:
-    script = (
-        "import sys, wideberth\n"
-        "from pathlib import Path\n"
-        "print(Path(wideberth.__file__).resolve(), 'numpy' in sys.modules, end=' ')\n"
-        "wideberth.Tracks, wideberth.Region\n"
-        "print(sum(name.endswith('framework.values.tracks') for name in sys.modules))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path
-    )
-    assert done.stdout.rsplit(maxsplit=2) == [str(ROOT / "__init__.py"), "False", "1"], done.stderr
-
-
 def test_locks_name_every_dependency_and_no_address() -> None:
     places = [ROOT, *(ROOT / "packages").iterdir()]
     files = [place / "pyproject.toml" for place in places]
