@@ -143,7 +143,9 @@ def main(dist: Path, pythons: Sequence[str]) -> None:
                     extended(Environment.made(Path(name) / package, python, *words), package)
         assert not typed_scripts.check(whole.python), "scripts have errors of types"
         if os.environ.get("COMMANDS"):
-            assert not page_commands.run(whole, Path(name) / "pages"), "commands of pages fail"
+            assert not page_commands.run(whole.python, Path(name) / "pages"), (
+                "commands of pages fail"
+            )
     print(f"{wheel.name} and {archive.name} work in fresh environments")
 
 
