@@ -8,6 +8,8 @@ EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
 SINCE ?= $(or $(shell git describe --tags --abbrev=0 2> /dev/null),main)
 SITE ?= docs/_build/html
+MUTATED ?= framework/risk/scenarios.py
+TRIED ?= tests/framework/risk
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
 # Where it is set, every process would compile all that it imports once more.
@@ -63,7 +65,8 @@ style: .venv/ready      ## check style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-lint: style             ## check style and types
+lint: style             ## check style, the order of imports and types
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
 	$(BIN)/pyright
 	$(BIN)/python tests/house/typed_scripts.py
@@ -104,11 +107,20 @@ acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/ac
 	  wheel/acados/install/bin . && cd interfaces/acados_template && \
 	  ln -s ../../wheel/acados/acados_template .
 
-fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
-	$(BIN)/python tests/fuzz/fuzz.py --workers $(WORKERS)
+fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more; of PART="..." alone)
+	$(BIN)/python -m pytest -q -n $(WORKERS) --hypothesis-profile=fuzz -m "slow or not slow" \
+	  tests/fuzz -k "$(PART)"
 
-mutants: .venv/ready    ## change the code for the worse and count what no test sees
-	$(BIN)/python -m wideberth.tests.mutation.study
+# mutmut wants the package in a folder of its name that is no link: a copy below build/.
+mutants: .venv/ready    ## list the changes of MUTATED="FILE" that no test of TRIED="FOLDER" notices
+	rm -rf build/mutants
+	mkdir -p build/mutants/wideberth
+	{ git ls-files; find framework solvers -name '*.so'; } | tar -cT - --ignore-failed-read 2> /dev/null | \
+	  tar -xC build/mutants/wideberth
+	sed 's|^only_mutate = .*|only_mutate = ["wideberth/$(MUTATED)"]|; \
+	  s|"wideberth/tests/framework/risk"|"wideberth/$(TRIED)"|' pyproject.toml > build/mutants/pyproject.toml
+	cd build/mutants && $(CURDIR)/$(BIN)/mutmut run --max-children $(WORKERS) && \
+	  $(CURDIR)/$(BIN)/mutmut results
 
 figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first where need be)
 	$(BIN)/wideberth figures $(FIGURES) --workers 2

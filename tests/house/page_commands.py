@@ -11,7 +11,6 @@ import shutil
 import subprocess
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
 
 from wideberth.tests.house.test_pages import BEFORE, NOT_RUN, PAGES, ROOT, blocks, provide
 
@@ -33,15 +32,6 @@ SETTINGS = {"docs/report.md": "blind_corner", "docs/results.md": "prediction_ben
 """Pages that speak of the results of a study which others run."""
 LONGEST = 900
 """s, of a command."""
-
-
-class Installed(Protocol):
-    """An environment with the wheel."""
-
-    @property
-    def python(self) -> Path:
-        """Its interpreter."""
-        ...
 
 
 def commands() -> list[tuple[str, str]]:
@@ -70,13 +60,13 @@ def shortened(command: str) -> str:
     return command
 
 
-def run(installed: Installed, folder: Path) -> int:
-    """Run all commands and scripts of the pages; the number of failures."""
+def run(python: Path, folder: Path) -> int:
+    """Run all commands and scripts of the pages with the Python of a wheel; count failures."""
     for one in (folder / "commands", folder / "scripts"):
         one.mkdir(parents=True)
         provide(one)
     shutil.copytree(ROOT / "examples", folder / "commands" / "examples")
-    programs = installed.python.absolute().parent
+    programs = python.absolute().parent
     environment = {
         **os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": ".",
         "MPLBACKEND": "Agg", "BROWSER": "true",

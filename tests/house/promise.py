@@ -180,13 +180,8 @@ def _inside(found: Any) -> list[str]:
     if not inspect.isclass(found) or found in plugins():
         return OWN.get(getattr(found, "__name__", ""), [])
     bases = [base for base in found.__mro__ if base.__module__.startswith(OURS)]
-    members = {name for base in bases for name in (*vars(base), *_annotated(base))}
+    members = {name for base in bases for name in (*vars(base), *inspect.get_annotations(base))}
     return sorted(name for name in members if not name.startswith("_"))
-
-
-def _annotated(found: type) -> Mapping[str, Any]:
-    annotations: Mapping[str, Any] = vars(found).get("__annotations__", {})
-    return annotations
 
 
 def _plugins(room: str) -> dict[str, list[str]]:

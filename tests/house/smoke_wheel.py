@@ -110,13 +110,6 @@ def extended(made: Environment, package: str) -> None:
         made.call(*shlex.split(command))
 
 
-def import_seconds(made: Environment) -> float:
-    """Return the shortest of five imports of the package and a name of it."""
-    script = "from time import perf_counter as now; begin = now(); import wideberth; "
-    script += "wideberth.Path; print(now() - begin)"
-    return min(float(made.call("python", "-c", script)) for _ in range(5))
-
-
 def found(python: str) -> bool:
     """Tell whether this machine has a Python of that version."""
     command = [UV, "python", "find", "-q", "--no-python-downloads", python]
@@ -137,7 +130,7 @@ def main(dist: Path, pythons: Sequence[str]) -> None:
             size, count = core.size()
             tried(core)
             words = f"{core.call('python', '--version').strip()}: {size:.0f} MB, {count} packages"
-            print(f"{words}, import {import_seconds(core):.2f} s", end="; ", flush=True)
+            print(words, end="; ", flush=True)
             whole = Environment.made(Path(name) / f"all{k}", python, *here, f"{wheel}[all]")
             tried(whole)
             print("with all extras {:.0f} MB, {} packages".format(*whole.size()), end="; ")
@@ -150,7 +143,9 @@ def main(dist: Path, pythons: Sequence[str]) -> None:
                     extended(Environment.made(Path(name) / package, python, *words), package)
         assert not typed_scripts.check(whole.python), "scripts have errors of types"
         if os.environ.get("COMMANDS"):
-            assert not page_commands.run(whole, Path(name) / "pages"), "commands of pages fail"
+            assert not page_commands.run(whole.python, Path(name) / "pages"), (
+                "commands of pages fail"
+            )
     print(f"{wheel.name} and {archive.name} work in fresh environments")
 
 

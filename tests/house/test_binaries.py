@@ -39,12 +39,9 @@ def test_no_binary_is_in_git() -> None:
     ("name", "content", "why"),
     [
         ("text.py", b"x = 1\n", None),
-        ("core.so", b"\x7fELF", "is made by a compiler"),
         ("core.ll", b"define void @f()", "is made by a compiler"),
         ("renamed.dat", b"\x7fELF\0", "is binary"),
-        ("figure.png", b"\0" * 1000, None),
         ("figure.png", b"\0" * 700_000, "is a large picture"),
-        ("data.npz", b"\0" * 1000, None),
         ("data.npz", b"\0" * 300_000, "is large"),
     ],
 )

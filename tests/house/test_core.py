@@ -38,100 +38,57 @@ def test_what_an_import_brings(statement: str, most: set[str], tmp_path: Path) -
     assert "wideberth" in json.loads(done.stdout) and set(json.loads(done.stdout)) <= most
 
 
-WALK = """
-import importlib, json
-found = {}
-for name in sys.argv[1].split():
+TRIED = """
+import importlib, json, sys
+from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
+from wideberth.framework.plugins.config import build
+from wideberth.framework.plugins.registry import ROOMS, names
+from wideberth.framework.values.errors import WideberthError
+found = {"modules": {}, "plug-ins": {}, "configs": {}}
+def tried(kind, name, call, *given):
     try:
-        importlib.import_module(name)
+        call(*given)
     except Exception as error:
-        found[name] = f"{type(error).__name__}: {error}"
+        own = "WideberthError" if isinstance(error, WideberthError) else type(error).__name__
+        found[kind][name] = f"{own}: {error}"
+for name in shipped():
+    tried("configs", name, read_experiment, name, [])
+for room in ROOMS:
+    for name in names(room):
+        given = {"type": name, "robot": "unicycle"} if room == "controllers" else name
+        tried("plug-ins", f"{room}.{name}", build, room, given)
+for name in sys.argv[1].split():
+    tried("modules", name, importlib.import_module, name)
 print(json.dumps(found))
 """
+NEEDED = re.compile(r"needs (?:the library )?(\w+), .*pip install 'wideberth\[(\w+)\]'")
+BEYOND = {"controllers.orca", "experiments.convex_certificates"}
+"""Built-in plug-ins that need an extra."""
+LIBRARIES = {("CVXPY", "certificates"), ("pyrvo", "arenas")}
+"""Library that configs of the core need, and the extra that brings it."""
 
 
-def test_every_module_can_be_imported_or_names_its_extra(tmp_path: Path) -> None:
+def test_what_needs_an_extra_names_it(tmp_path: Path) -> None:
+    """Modules and configs name it; plug-ins that do not lack a setting, or are built."""
     names = [
         ".".join(("wideberth", *path.relative_to(ROOT).with_suffix("").parts))
         for room in CORE
         for path in files_of(room)
         if not {"data", "files"} & {*path.relative_to(ROOT).parts} and path.stem != "__init__"
     ]
-    done = python(tmp_path, WALK, " ".join(names))
+    done = python(tmp_path, TRIED, " ".join(names))
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout)
-    assert len(names) > 300 and all(LINE.search(text) for text in found.values()), found
-    assert len(found) < 5, found
-
-
-BUILT = """
-import json
-from wideberth.framework.plugins.config import build
-from wideberth.framework.plugins.registry import ROOMS, names
-from wideberth.framework.values.errors import WideberthError
-found = {}
-for room in ROOMS:
-    for name in names(room):
-        try:
-            build(room, {"type": name, "robot": "unicycle"} if room == "controllers" else name)
-        except Exception as error:
-            own = isinstance(error, WideberthError)
-            kind = "WideberthError" if own else type(error).__name__
-            found[f"{room}.{name}"] = f"{kind}: {error}"
-print(json.dumps(found))
-"""
-BEYOND = {
-    "controllers.orca",
-    "experiments.convex_certificates",
-}
-"""Built-in plug-ins that need an extra."""
-
-
-def test_a_plug_in_that_cannot_be_built_names_its_extra(tmp_path: Path) -> None:
-    """Others lack a setting, or are built."""
-    done = python(tmp_path, BUILT)
-    assert done.returncode == 0, done.stderr[-2000:]
-    found = json.loads(done.stdout)
-    assert all(text.startswith("WideberthError: ") for text in found.values()), found
-    asked = {name for name, text in found.items() if LINE.search(text)}
-    rest = {name: text for name, text in found.items() if name not in asked}
-    assert not [text for text in rest.values() if "No module named" in text], rest
-    assert asked == BEYOND
-
-
-CONFIGS = """
-import json
-from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
-from wideberth.framework.values.errors import WideberthError
-errors = {}
-for name in shipped():
-    try:
-        read_experiment(name, [])
-    except WideberthError as error:
-        errors[name] = str(error)
-print(json.dumps([shipped(), errors]))
-"""
-NEEDED = re.compile(r"needs (?:the library )?(\w+), .*pip install 'wideberth\[(\w+)\]'")
-LIBRARIES = {("CVXPY", "certificates"), ("pyrvo", "arenas")}
-"""Library that configs of the core need, and the extra that brings it."""
-
-
-def test_configs_of_the_core_name_no_plug_in_of_another_package(tmp_path: Path) -> None:
-    done = python(tmp_path, CONFIGS)
-    assert done.returncode == 0, done.stderr[-2000:]
-    names, errors = json.loads(done.stdout)
-    assert names == sorted(path.stem for path in (ROOT / "experiments/configs").glob("*.yaml"))
-    found = [NEEDED.search(text) for text in errors.values()]
-    assert all(found), errors
-    assert {match.groups() for match in found if match} == LIBRARIES
-
-
-def test_the_first_script_runs(tmp_path: Path) -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (script,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    done = python(tmp_path, script)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "Command(" in done.stdout and (tmp_path / "plan.png").stat().st_size > 10_000
+    modules, plug_ins, configs = found["modules"], found["plug-ins"], found["configs"]
+    assert len(names) > 300 > 5 > len(modules), modules
+    assert all(LINE.search(text) for text in modules.values()), modules
+    assert all(text.startswith("WideberthError: ") for text in plug_ins.values()), plug_ins
+    assert {name for name, text in plug_ins.items() if LINE.search(text)} == BEYOND
+    assert not [text for name, text in plug_ins.items()
+                if name not in BEYOND and "No module named" in text]  # fmt: skip
+    needed = [NEEDED.search(text) for text in configs.values()]
+    assert all(needed), configs
+    assert {match.groups() for match in needed if match} == LIBRARIES
 
 
 def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The example of a package that extends wideberth, installed as a third party's is."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,12 +18,9 @@ RUN = "from wideberth.experiments.cli.app import main; main()"
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the package alone, built from a copy."""
     folder = tmp_path_factory.mktemp("installed")
+    made = shutil.ignore_patterns("build", "*.egg-info", "__pycache__", "results")
     source = tmp_path_factory.mktemp("source") / "extension"
-    source.mkdir()
-    for path in EXAMPLE.rglob("*"):
-        if path.is_file() and path.suffix in (".py", ".toml", ".yaml"):
-            (source / path.relative_to(EXAMPLE)).parent.mkdir(parents=True, exist_ok=True)
-            (source / path.relative_to(EXAMPLE)).write_bytes(path.read_bytes())
+    shutil.copytree(EXAMPLE, source, ignore=made)
     words = ["install", "-q", "--no-deps", "--no-build-isolation", "--target", str(folder)]
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *words, str(source)]
     done = subprocess.run(command, capture_output=True, text=True)
