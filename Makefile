@@ -8,8 +8,8 @@ EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
 SINCE ?= $(or $(shell git describe --tags --abbrev=0 2> /dev/null),main)
 SITE ?= docs/_build/html
-MUTATED ?= framework/risk/scenarios.py
-TRIED ?= tests/framework/risk
+MUTATED ?= controllers/slots/scenario_risk.py
+TRIED ?= tests/controllers/test_scenario_risk.py
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
 # Where it is set, every process would compile all that it imports once more.
@@ -112,13 +112,13 @@ fuzz: .venv/ready       ## absurd input for planners, predictors and configs (ha
 	  tests/fuzz -k "$(PART)"
 
 # mutmut wants the package in a folder of its name that is no link: a copy below build/.
-mutants: .venv/ready    ## list the changes of MUTATED="FILE" that no test of TRIED="FOLDER" notices
+mutants: .venv/ready    ## list the changes of MUTATED="FILE" that no test of TRIED="PATH" notices
 	rm -rf build/mutants
 	mkdir -p build/mutants/wideberth
 	{ git ls-files; find framework solvers -name '*.so'; } | tar -cT - --ignore-failed-read 2> /dev/null | \
 	  tar -xC build/mutants/wideberth
 	sed 's|^only_mutate = .*|only_mutate = ["wideberth/$(MUTATED)"]|; \
-	  s|"wideberth/tests/framework/risk"|"wideberth/$(TRIED)"|' pyproject.toml > build/mutants/pyproject.toml
+	  s|"wideberth/tests/controllers/test_scenario_risk.py"|"wideberth/$(TRIED)"|' pyproject.toml > build/mutants/pyproject.toml
 	cd build/mutants && $(CURDIR)/$(BIN)/mutmut run --max-children $(WORKERS) && \
 	  $(CURDIR)/$(BIN)/mutmut results
 
