@@ -122,7 +122,7 @@ def main_columns(rows: Sequence[Row], printed: Sequence[str]) -> list[str]:
     every = columns_of(rows)
     if not printed and len(rows) < 2:
         return every
-    names = [*takewhile(lambda name: all(isinstance(row.get(name), str) for row in rows), every)]
+    names = _naming(rows)
     rest = [name for name in printed or every if name not in names]
     held = [name for name in rest if any(row.get(name) not in ("", None) for row in rows)]
     if len(held) > MOST:
@@ -151,7 +151,7 @@ def print_table(rows: Sequence[Row], shares: Collection[str] = ()) -> None:
         for name in (rows[0] if rows else ())
     ]
     columns = lines if upright else [list(line) for line in zip(*lines, strict=True)]
-    names = naming(rows) if upright else 1
+    names = min(max(len(_naming(rows)), 1), 2) if upright else 1
     console = Console(width=width() or PIPED, markup=False)  # reasons may hold brackets
     widest = WIDEST if upright else _share(columns, console.width)
     for block in _fold(columns, names, console.width, widest):
@@ -176,14 +176,13 @@ def sideways(rows: Sequence[Row]) -> bool:
     return 0 < len(rows) <= 4 and len(rows[0]) > 8
 
 
-def naming(rows: Sequence[Row]) -> int:
-    """Count the first columns that hold text: they name the lines."""
-    count = 0
-    for name in rows[0] if rows else ():
-        if not all(isinstance(row.get(name), str) for row in rows):
-            break
-        count += 1
-    return min(max(count, 1), 2)
+def _naming(rows: Sequence[Row]) -> list[str]:
+    """Return the first columns that hold text: they name the lines."""
+    return [
+        *takewhile(
+            lambda name: all(isinstance(row.get(name), str) for row in rows), columns_of(rows)
+        )
+    ]
 
 
 def _needed(column: Sequence[str], widest: int) -> int:
