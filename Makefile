@@ -113,8 +113,8 @@ mutants: .venv/ready    ## list the changes of MUTATED="FILE" that no test of TR
 	mkdir -p build/mutants/wideberth
 	{ git ls-files; find framework solvers -name '*.so'; } | tar -cT - --ignore-failed-read 2> /dev/null | \
 	  tar -xC build/mutants/wideberth
-	sed 's|^only_mutate = .*|only_mutate = ["wideberth/$(MUTATED)"]|; \
-	  s|"wideberth/tests/framework/risk"|"wideberth/$(TRIED)"|' pyproject.toml > build/mutants/pyproject.toml
+	sed -e 's|^only_mutate = .*|only_mutate = ["wideberth/$(MUTATED)"]|' \
+	  -e 's|"wideberth/tests/framework/risk"|"wideberth/$(TRIED)"|' pyproject.toml > build/mutants/pyproject.toml
 	cd build/mutants && $(CURDIR)/$(BIN)/mutmut run --max-children $(WORKERS) && \
 	  $(CURDIR)/$(BIN)/mutmut results
 
