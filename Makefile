@@ -6,6 +6,7 @@ ROOMS := framework draw people metrics predictors regions robots routes solvers 
 PACKAGES := arenas embedded nav2 perception ros
 EDITABLE := -e . $(PACKAGES:%=-e packages/%)
 WORKERS ?= 2
+SINCE ?= $(or $(shell git describe --tags --abbrev=0 2> /dev/null),main)
 SITE ?= docs/_build/html
 MUTATED ?= framework/risk/scenarios.py
 TRIED ?= tests/framework/risk
@@ -27,7 +28,7 @@ LOCK = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --
 C_SOURCES := $(wildcard framework/programs/*.[ch] solvers/riccati/core/*.[ch])
 ROS := .venv/ros-kilted/ready .venv/ros-jazzy/ready
 
-.PHONY: help demo test test-core ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph lock
+.PHONY: help demo test test-core ros style lint types promise docs bench history acados fuzz mutants figures wheel pictures notebooks graph size lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -87,11 +88,14 @@ docs: .venv/ready       ## build the site into docs/_build/html, warnings as err
 	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs $(SITE)
 	@echo "docs: open $(SITE)/index.html"
 
-bench: .venv/ready      ## measure speed (see benchmarks/README.md)
-	$(BIN)/python benchmarks/run.py
+bench: .venv/ready      ## measure solvers (benchmarks/README.md has the other questions)
+	$(BIN)/python benchmarks/run.py solvers
 
-history: .venv/ready    ## say whether this checkout is slower than the last release
-	$(BIN)/python benchmarks/history/compare.py
+history: export OMP_NUM_THREADS := 1
+history: export PATH := $(CURDIR)/$(BIN):$(PATH)
+history: .venv/ready    ## say whether the last commit here is slower than SINCE, by default the last release
+	$(BIN)/asv machine --yes --config benchmarks/asv.conf.json
+	$(BIN)/asv continuous --config benchmarks/asv.conf.json --interleave-rounds --split $(SINCE) HEAD
 
 # Its wheel holds another CasADi beside acados, so that it must not be installed into .venv.
 acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/acados
@@ -133,10 +137,13 @@ pictures: .venv/ready   ## draw the film of the README, and what commands draw f
 	$(BIN)/python docs/draw_pictures.py
 
 notebooks: .venv/ready  ## write the tutorials as notebooks, which Colab opens
-	cd docs && ../$(BIN)/python -c "from _site import tutorials; tutorials.write()"
+	cd docs && ../$(BIN)/python -c "from _site import tutorials; tutorials.write_notebooks()"
 
 graph: .venv/ready      ## draw which groups of modules import which
 	$(BIN)/python docs/draw_import_graph.py
+
+size: .venv/ready       ## print the lines of code of each folder beside its limit
+	$(BIN)/python -m wideberth.tests.house.size
 
 lock: .venv/ready       ## write the locks anew: versions and hashes, no address
 	$(LOCK) $(EXTRAS:%=--extra %) $(GROUPS:%=--group %) -o requirements.lock

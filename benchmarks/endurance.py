@@ -9,16 +9,17 @@ import gc
 import os
 import re
 import sys
+from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import pi
 from pathlib import Path as File
 from time import perf_counter, process_time, thread_time
-from typing import Any, TypeAlias, final
+from typing import Any, final
 
 import numpy as np
-from measuring import Row, Tick, spread
-from walker_field import Field
+from measuring import Row, Tables, spread
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
@@ -53,12 +54,74 @@ SEED = 5
 INNER = 6.0
 """m from the middle, within which goals lie: walkers come in three metres farther out."""
 ROUND = 20.0
-"""s between two looks at memory, and between two ticks of the progress bar."""
+"""s between two looks at memory."""
 OUT_OF_ORDER = re.compile(r"\b(\w*(?:Error|Exception|Warning)): ")
 """How a reason names what a plug-in threw."""
 
-Durations: TypeAlias = Mapping[str, float]
-"""Solver -> s to be simulated."""
+
+@dataclass
+class Field:
+    """Walkers on a disc, each with a velocity that sways about its mean as in `CrossingField`.
+
+    dv = -(v - mean) / tau dt + sqrt(q) dW per axis. One that leaves the disc is away for up to
+    ``pause`` s and then comes in elsewhere under a new name, aimed at a place nearer the middle.
+    """
+
+    rng: np.random.Generator
+    walkers: int = 10
+    reach: float = 9.0
+    radius: float = 0.4
+    pace: tuple[float, float] = (0.3, 0.7)
+    density: float = 0.01
+    tau: float = 5.0
+    pause: float = 10.0
+    place: Array = field(init=False)
+    mean: Array = field(init=False)
+    sway: Array = field(init=False)
+    away: Array = field(init=False)
+    number: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        size = (self.walkers, 2)
+        self.place, self.mean, self.sway = np.zeros(size), np.zeros(size), np.zeros(size)
+        self.away = self.rng.uniform(0.0, self.pause, self.walkers)
+        self.number = np.arange(self.walkers, dtype=np.float64)
+
+    def advance(self, dt: float) -> None:
+        """Walk for ``dt`` s."""
+        keep = float(np.exp(-dt / self.tau))
+        deviation = np.sqrt(0.5 * self.density * self.tau * (1.0 - keep**2))
+        self.sway = keep * self.sway + deviation * self.rng.standard_normal(self.sway.shape)
+        velocity = self.mean + self.sway
+        self.place = self.place + dt * velocity
+        was = self.away > 0.0
+        self.away = np.maximum(self.away - dt, 0.0)
+        for k in np.flatnonzero(was & (self.away == 0.0)):
+            self._enter(int(k))
+        outwards = (self.place * velocity).sum(axis=1) > 0.0
+        gone = (np.linalg.norm(self.place, axis=1) > self.reach) & outwards & (self.away == 0.0)
+        self.away[gone] = self.rng.uniform(0.0, self.pause, int(gone.sum()))
+
+    def present(self) -> list[tuple[str, Array, float]]:
+        """Name, place (2,) in m and radius of all that are there."""
+        return [
+            (f"walker {self.number[k]:.0f}", self.place[k], self.radius)
+            for k in np.flatnonzero(self.away == 0.0)
+        ]
+
+    def gaps(self, place: Array, radius: float) -> Array:
+        """Distances between their surfaces and that of a disc, m; infinite for those away."""
+        apart = np.linalg.norm(self.place - place, axis=1) - self.radius - radius
+        return np.where(self.away == 0.0, apart, np.inf)
+
+    def _enter(self, k: int) -> None:
+        angle = self.rng.uniform(-pi, pi)
+        rim = self.reach * np.array([np.cos(angle), np.sin(angle)])
+        aim = self.rng.uniform(-0.5, 0.5, 2) * self.reach
+        ahead = (aim - rim) / np.linalg.norm(aim - rim)
+        self.place[k], self.sway[k] = rim, 0.0
+        self.mean[k] = self.rng.uniform(*self.pace) * ahead
+        self.number[k] = self.number.max() + 1
 
 
 class Solves:
@@ -210,31 +273,22 @@ def set_up(solver: Solver, deadline: float | None) -> Planner:
     )
 
 
-def ticks(durations: Durations) -> int:
-    """Count the ticks of `measure`."""
-    return sum(int(duration / ROUND) for duration in durations.values())
+def tables(options: Namespace) -> Tables:
+    """Drive with each solver: for long, or, asked for decisions, with a deadline by the clock.
 
-
-def measure(
-    durations: Durations, tick: Tick, deadline: float | None = None
-) -> tuple[list[Row], list[Row]]:
-    """Drive with each solver: a row for each, and rows of how its plans and solves ended.
-
-    Solves have no rung; their reason is the solver's own word.
-
-    Parameters
-    ----------
-    durations, tick : how long with which, and what reports progress.
-    deadline : s of the planner. Without one two runs decide the same.
+    Two runs without a deadline decide the same. Rows of solves have no rung; their reason is the
+    solver's own word.
     """
+    lasts, deadline = {"riccati": 3600.0, "fatrop": 300.0}, None
+    if options.question == "decisions":
+        lasts, deadline = dict.fromkeys(lasts, 20_000 * PERIOD), PERIOD
     rows, ends = [], []
-    for solver, duration in durations.items():
-        steps = round(duration / PERIOD)
+    for solver, duration in lasts.items():
+        print(f"driving with {solver}", file=sys.stderr)
+        steps = round((3.0 if options.quick else duration) / PERIOD)
         run = Run(solver, steps, SEED, deadline)
         for k in range(steps):
             run.step(k)
-            if (k + 1) % round(ROUND / PERIOD) == 0:
-                tick(f"{solver}, {(k + 1) * PERIOD:.0f} s of {duration:.0f} s")
         rows.append(
             {"solver": solver, "seed": SEED, "deadline": deadline or np.inf, **summary(run)}
         )
@@ -244,7 +298,10 @@ def measure(
             {"solver": solver, "rung": rung, "status": status, "reason": reason, "count": count}
             for (rung, status, reason), count in found
         ]
-    return rows, ends
+    return {
+        options.question: ("A robot among ten walkers at 20 Hz", rows),
+        f"{options.question}_ends": ("How its plans came about", ends),
+    }
 
 
 def summary(run: Run) -> Row:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Sightings, TrackedObstacle
+from wideberth.simulation.sensing.perceived import Sightings, TrackedObstacle
 from wideberth_perception.tracker import Tracker
 from wideberth_perception.tracking.motion import carried, corrected
 

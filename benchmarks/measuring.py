@@ -1,8 +1,6 @@
-"""Taking times fairly, and boiling them down to a table."""
+"""Timing of work in turns, and its tables."""
 
 import gc
-import subprocess
-import sys
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from time import perf_counter
 from typing import Any, TypeAlias
@@ -10,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 Row: TypeAlias = dict[str, Any]
-Tick: TypeAlias = Callable[[str], None]
-"""Called after each piece of work with what comes next, for the progress bar."""
+Tables: TypeAlias = dict[str, tuple[str, list[Row]]]
+"""Name of the file -> title and rows. Without a title the rows are written and not shown."""
 Repeats: TypeAlias = Mapping[Hashable, Sequence[float]]
 """Times of repeats of the same work, ms, by what the work was."""
 
@@ -30,14 +28,6 @@ def timed(work: Callable[[], Any]) -> tuple[float, Any]:
         gc.enable()
 
 
-def bare_loop(processes: int, steps: int) -> None:
-    """Do plain arithmetic in so many processes at once: no work gains more from another one."""
-    command = [sys.executable, "-S", "-c", f"sum(k * k for k in range({steps}))"]
-    started = [subprocess.Popen(command) for _ in range(processes)]
-    for process in started:
-        process.wait()
-
-
 def rotated(names: Sequence[str], turn: int) -> list[str]:
     """Return the names beginning with another one each turn, so that none always runs first.
 
@@ -52,33 +42,16 @@ def rotated(names: Sequence[str], turn: int) -> list[str]:
 
 def spread(times: Sequence[float]) -> Row:
     """Median, 95th and 99th percentile and maximum of some times, ms."""
-    median, high, higher = np.percentile(times, [50, 95, 99])
-    return {
-        "median_ms": float(median),
-        "p95_ms": float(high),
-        "p99_ms": float(higher),
-        "max_ms": float(np.max(times)),
-    }
-
-
-def brief(times: Sequence[float], reference: Sequence[float]) -> Row:
-    """Median and best of repeats of the same work, ms, and best over the reference's best.
-
-    Whatever else the machine does can only make a repeat longer, so that the best one is
-    the least disturbed.
-    """
-    return {
-        "median_ms": float(np.median(times)),
-        "best_ms": float(np.min(times)),
-        "ratio": float(np.min(times) / np.min(reference)),
-    }
+    names = ("median_ms", "p95_ms", "p99_ms", "max_ms")
+    return dict(zip(names, np.percentile(times, [50, 95, 99, 100]).tolist(), strict=True))
 
 
 def speedup(times: Repeats, reference: Repeats) -> Row:
     """How many times as fast as the reference: best repeat over best repeat of each work.
 
-    ``of_medians`` is the ratio of the two medians over the works, ``each`` the median, 5th and
-    95th percentile of the ratios of the single works. Only works that both did count.
+    Whatever else the machine does can only make a repeat longer, so that the best one is the least
+    disturbed. ``of_medians`` is the ratio of the two medians over the works, ``each`` the median,
+    5th and 95th percentile of the ratios of the single works. Only works that both did count.
     """
     shared = [work for work in times if work in reference]
     own = np.array([min(times[work]) for work in shared])
@@ -100,9 +73,7 @@ def slope(sizes: Sequence[float], times: Sequence[float]) -> float:
     >>> round(slope([1, 10, 100], [2.0, 20.0, 200.0]), 12)
     1.0
     """
-    x, y = np.log(sizes), np.log(times)
-    x = x - x.mean()
-    return float(x @ y / (x @ x))
+    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
 
 
 def repeats(rows: Sequence[Row], label: str, column: str = "ms") -> dict[Hashable, list[float]]:

@@ -1,12 +1,16 @@
-"""Makes recorded instances hard, in nine ways; kept in the file format of the recorded ones."""
+"""Makes recorded instances hard, in nine ways; kept in the file format of the recorded ones.
 
+python benchmarks/perturbations.py HARD.npz    # four in each way, of the sample
+"""
+
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from wideberth.benchmarks.recorded_instances import FIELDS, LEVEL
+from wideberth.benchmarks.recorded_instances import FIELDS, LEVEL, SAMPLE
 
 Row: TypeAlias = dict[str, Any]
 """One instance: a copy of its arrays, by field."""
@@ -128,3 +132,7 @@ def _blank(row: Row) -> None:
     """Leave no numbers where there is no obstacle."""
     for name in ("mean", "axis", "deviation", "margin"):
         row[name][int(row["count"]) :] = np.nan
+
+
+if __name__ == "__main__":
+    perturb(SAMPLE, Path(sys.argv[1]), 4, seed=0)

@@ -10,18 +10,30 @@ along ``axis``), ``margin`` (K), the shifted guess ``guess_states`` (N + 1, 5),
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from wideberth.framework.mpc.ocp.problem import Parameters, SlotNumbers
+from wideberth.framework.mpc.assembly import assemble
+from wideberth.framework.mpc.levels.paper import Paper
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
+from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.io import read_arrays, read_bytes
 from wideberth.framework.region import Region
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 
+SAMPLE = Path(__file__).resolve().parents[1] / "tests" / "data" / "mpc_instances.npz"
+"""Forty of the recorded instances."""
+ELLIPSE, EXACT = "mahalanobis_ellipse", "minkowski_sum"
+"""The paper's region, and the exact sum of ellipse and disc."""
+DT = 0.5
+"""s, the paper's step."""
 LEVEL = float(np.sqrt(5.991))
 """s_ref as the paper prints it; its content is 0.949988."""
 
@@ -39,6 +51,25 @@ FIELDS = (
     "best_cost",
     "kind",
 )
+
+
+@cache
+def unicycle() -> Any:
+    """Return the paper's robot."""
+    return build("robots", "unicycle")
+
+
+@cache
+def paper_problem(region: str, obstacles: int, steps: int = 15) -> Problem:
+    """Build the paper's problem; its printed s_ref is in the recorded parameters."""
+    return assemble(
+        unicycle(),
+        (GaussianDiscs(build("regions", region)),),
+        Paper(tail=float(np.exp(-0.5 * LEVEL**2))),
+        horizon=steps,
+        dt=DT,
+        rooms=((obstacles,),),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +133,7 @@ def _instance(row: dict[str, Array], count: int, region: Region, speed: float) -
     return Instance(kind, count, parameters, guess, best, ellipses)
 
 
-def worst_violation(instance: Instance, point: Guess, dt: float = 0.5) -> float:
+def worst_violation(instance: Instance, point: Guess, dt: float = DT) -> float:
     """Largest violation of the paper's unicycle problem, in plain NumPy.
 
     Written without any code of the assembler: RK4 of the unicycle, the paper's bounds, and

@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from set_ups import OWN, SetUp, paper_problem, registered, suited
+from set_ups import OWN, registered
+from solver_speed import chosen
 
-from wideberth.benchmarks.recorded_instances import read_instances
+from wideberth.benchmarks.recorded_instances import ELLIPSE, EXACT, SAMPLE, paper_problem
 from wideberth.framework import GaussianObstacle, build, names, recommended
 from wideberth.framework.control.rate_limited_warnings import quiet
 from wideberth.framework.mpc.planner.planner import Planner
@@ -47,7 +48,6 @@ RUNS = {
 """Config -> settings that make it short enough."""
 KEPT = ("table.csv", "summary.csv")
 """Files of a result folder that hold no measured time."""
-SAMPLE = Path(__file__).resolve().parents[1] / "tests" / "data" / "mpc_instances.npz"
 REGIONS, SOLVES, DRIVES = "regions.csv", "solves.csv", "drives.csv"
 
 
@@ -149,16 +149,13 @@ def region_rows() -> Iterator[list[object]]:
 def solve_rows() -> Iterator[list[object]]:
     """Yield a row for every solver and recorded instance of the sample: status, cost, plan."""
     yield ["solver", "region", "instance", "status", "iterations", "cost", "plan"]
-    for solver_name, solver in registered().items():
-        for region in ("mahalanobis_ellipse", "minkowski_sum"):
-            if region == "minkowski_sum" and solver_name != OWN:
-                continue
-            for i, instance in enumerate(read_instances(SAMPLE, build("regions", region))):
-                one = suited(instance, region)
-                problem = paper_problem(region, instance.obstacles, len(one.parameters.reference))
-                found = SetUp(solver, region).solve(problem, one.parameters, one.guess)
+    for name, solver in registered().items():
+        for region in (ELLIPSE, EXACT) if name == OWN else (ELLIPSE,):
+            for i, one in enumerate(chosen(SAMPLE, None, region)):
+                problem = paper_problem(region, one.obstacles, len(one.parameters.reference))
+                (found,) = solver.solve(problem, one.parameters, [one.guess])
                 plan = np.concatenate([found.point.states.ravel(), found.point.inputs.ravel()])
-                yield [solver_name, region, i, found.status.name, found.iterations,
+                yield [name, region, i, found.status.name, found.iterations,
                        float(found.cost).hex(), _digest(plan)]  # fmt: skip
 
 

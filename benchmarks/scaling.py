@@ -1,30 +1,23 @@
 """How time grows with the number of obstacles and with the horizon, on instances made for it."""
 
+import sys
+from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from time import thread_time
 
 import numpy as np
 from instances import Made, Recipe
-from judging import LOOSE
-from measuring import Row, Tick, labels, repeats, rotated, slope, timed
-from set_ups import ELLIPSE, OWN, registered, unicycle
+from measuring import Row, Tables, labels, repeats, rotated, slope, timed
+from set_ups import registered
+from solver_speed import LOOSE
 
-from wideberth.framework import Detection, Observation, Path, recommended
+from wideberth.benchmarks.recorded_instances import ELLIPSE, unicycle
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
-from wideberth.framework.mpc.planner.settings import changed
 from wideberth.framework.mpc.planner.verify import violation
-from wideberth.framework.mpc.slots.base import PlanningContext, SlotAssignment
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
-from wideberth.framework.robot import Robot
 from wideberth.framework.values.plan import Status
-
-NEAR, WARM = 20, 20
-"""People within reach; observations before the first decision."""
 
 
 @dataclass(frozen=True)
@@ -37,16 +30,12 @@ class Sizes:
     steps : N, at each K of ``among``.
     among : K.
     instances : of each size.
-    seen : obstacles that a planner sees, `NEAR` of them or all within its reach.
-    decisions : of the planner with each.
     """
 
     obstacles: tuple[int, ...] = (1, 5, 10, 20, 50, 100)
     steps: tuple[int, ...] = (15, 30, 60, 120)
     among: tuple[int, ...] = (1, 20)
     instances: int = 20
-    seen: tuple[int, ...] = (20, 50, 100, 200)
-    decisions: int = 30
 
     def all_of(self) -> list[tuple[str, int, int]]:
         """Return (axis, K, N) of every size."""
@@ -56,7 +45,19 @@ class Sizes:
         return found
 
 
-def measure(sizes: Sizes, rounds: int, tick: Tick) -> list[Row]:
+def tables(options: Namespace) -> Tables:
+    """Solve instances made in growing sizes with every solver."""
+    sizes = Sizes((1, 2), (5, 10), (1,), instances=1) if options.quick else Sizes()
+    solves = measure(sizes, 1 if options.quick else options.rounds)
+    rows = table(solves)
+    return {
+        "scaling_solves": ("", solves),
+        "scaling": ("Growth with obstacles and horizon", rows),
+        "slopes": ("Exponents of growth", slopes(rows)),
+    }
+
+
+def measure(sizes: Sizes, rounds: int) -> list[Row]:
     """Solve every instance of every size with every solver: one row per solve."""
     solvers = registered()
     level = Relaxed(weight=1.0, minimum=0.0)
@@ -64,11 +65,10 @@ def measure(sizes: Sizes, rounds: int, tick: Tick) -> list[Row]:
     for axis, obstacles, steps in sizes.all_of():
         recipe = Recipe(unicycle(), build("regions", ELLIPSE), level, obstacles, steps)
         made = recipe.make(range(sizes.instances))
-        for name, solver in solvers.items():
-            tick(f"compiling {name}, K = {obstacles}, N = {steps}")
+        print(f"scaling, K = {obstacles}, N = {steps}", file=sys.stderr)
+        for solver in solvers.values():  # compiles
             _solve(solver, made[0])
         for turn in range(rounds):
-            tick(f"scaling, K = {obstacles}, N = {steps}, round {turn + 1}")
             for index, one in enumerate(made):
                 for name in rotated(list(solvers), turn + index):
                     time, solution = timed(partial(_solve, solvers[name], one))
@@ -86,100 +86,6 @@ def judged(made: Made, solution: Solution) -> Row:
         "cost": solution.cost,
         "violation": violation(made.problem, made.parameters, solution.point).worst,
     }
-
-
-def ticks(sizes: Sizes, rounds: int) -> int:
-    """Count the ticks of `measure` and `crowds`."""
-    return len(sizes.all_of()) * (len(registered()) + rounds) + len(sizes.seen)
-
-
-def crowds(sizes: Sizes, tick: Tick) -> list[Row]:
-    """Time decisions among growing crowds of which `NEAR` people at most are within reach.
-
-    Those stand around the robot, the others so far off that no plan meets them. Each crowd is seen
-    by two planners in turn, after their first decision, in which they solve from all starts: one
-    that leaves out what it cannot reach, and one made to assume that it reaches all, so that
-    the nearest take all slots. ``slots`` are those in use; ``choosing_ms`` is the part of the
-    decision that fills them. Medians of processor time.
-    """
-    rows = []
-    for count in sizes.seen:
-        tick(f"a crowd of {count}")
-        crowd = Crowd(count)
-        for screened in (True, False):
-            crowd.decide(screened)  # compiles
-        taken = [
-            (screened, *crowd.decide(screened))
-            for _ in range(sizes.decisions)
-            for screened in (True, False)
-        ]
-        for screened in (True, False):
-            own = np.array([one[1:] for one in taken if one[0] is screened])
-            row = {"seen": count, "left out": "out of reach" if screened else "none"}
-            names = ("decision_ms", "choosing_ms", "slots", "no_room")
-            rows.append(row | dict(zip(names, np.median(own, axis=0).tolist(), strict=True)))
-    return rows
-
-
-class Crowd:
-    """People around the recommended planner, which decides again and again from one place.
-
-    Parameters
-    ----------
-    count : of them.
-    """
-
-    def __init__(self, count: int) -> None:
-        rng = np.random.default_rng(count)
-        near, angle = min(count, NEAR), rng.uniform(-np.pi, np.pi, count)
-        away = np.where(np.arange(count) < near, rng.uniform(4.0, 7.0, count), 60.0 + 0.5 * angle)
-        self._places = away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        self._settings = changed(
-            recommended("unicycle", speed=1.25, quiet=True), solver=build("solvers", OWN)
-        )
-        known = Services.of(self._settings)
-        everywhere = replace(known, travel=replace(known.travel, speed=np.inf))
-        self._services = {True: known, False: everywhere}
-        path = Path(np.array([[0.0, 0.0], [40.0, 0.0]]))
-        state = PlannerState.initial(self._settings, path)
-        for tick in range(WARM):
-            state = remember(self._settings, state, self._seen(tick))
-        self._states = {}
-        for screened, services in self._services.items():
-            seen = self._seen(WARM)
-            self._states[screened] = step(self._settings, state, seen, services)[0]
-
-    def decide(self, screened: bool) -> tuple[float, float, int, int]:
-        """Return ms of a decision and of its choice of obstacles, slots in use, and left out."""
-        spent, choose = [0.0], GaussianDiscs.choose
-
-        def timed_choice(
-            kind: GaussianDiscs, robot: Robot, view: PlanningContext
-        ) -> SlotAssignment:
-            begin = thread_time()
-            found = choose(kind, robot, view)
-            spent[0] += 1e3 * (thread_time() - begin)
-            return found
-
-        GaussianDiscs.choose = timed_choice  # type: ignore[method-assign]
-        begin = thread_time()
-        given = self._settings, self._states[screened], self._seen(WARM + 1)
-        _, made = step(*given, self._services[screened])
-        taken = 1e3 * (thread_time() - begin)
-        GaussianDiscs.choose = choose  # type: ignore[method-assign]
-        assert made.solved is not None
-        slots = made.solved.instance.parameters.slots
-        used = int(sum(one.active.sum() for one in slots))
-        return taken, spent[0], used, len(made.plan.left_out)
-
-    def _seen(self, tick: int) -> Observation:
-        noise = np.random.default_rng(tick).normal(scale=0.01, size=self._places.shape)
-        spread = 1e-4 * np.eye(2)
-        found = [
-            Detection(f"{i:03}", place, spread, 0.3)
-            for i, place in enumerate(self._places + noise)
-        ]
-        return Observation(self._settings.period * tick, np.zeros(5), tuple(found))
 
 
 def table(solves: Sequence[Row]) -> list[Row]:

@@ -2,23 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from importlib.util import find_spec
 from typing import Any, TypeAlias
 
-import numpy as np
+import acados_program
 from paper_program import PaperProgram
-from peers import peers
+from sqp_program import SETTINGS, Sqp
 
-from wideberth.benchmarks.recorded_instances import LEVEL, Instance
+from wideberth.benchmarks.recorded_instances import ELLIPSE, EXACT, unicycle
 from wideberth.framework import names
-from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.starts import other_starts
 from wideberth.framework.mpc.planner.watchdog import SAME
-from wideberth.framework.mpc.slots.base import with_auxiliaries
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution, Solver, pressed, solve_cheapest
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Status
@@ -27,15 +23,10 @@ PAPER, HONEST = "paper_mx", "ipopt_sx"
 """The references: the paper's program on MX graphs, and the same on SX."""
 OWN = "riccati"
 """The solver of this project."""
-ELLIPSE, EXACT = "mahalanobis_ellipse", "minkowski_sum"
 TOLERANCE = 1e-6
 """Of every solver, in its own measure of optimality."""
 CAP = 0.45
 """s, the paper's deadline."""
-PERIOD = 0.05
-"""s, one period of a controller at 20 Hz."""
-DT = 0.5
-"""s, the paper's step."""
 Starts: TypeAlias = Callable[[Problem, Parameters, Guess], Sequence[Guess]]
 
 
@@ -111,27 +102,21 @@ def several(problem: Problem, parameters: Parameters, guess: Guess) -> list[Gues
     return other_starts(unicycle(), problem, parameters, guess)  # the ellipse has no auxiliaries
 
 
-@cache
-def unicycle() -> Any:
-    """Return the paper's robot."""
-    return build("robots", "unicycle")
+def peers(tolerance: float) -> dict[str, Solver]:
+    """Return the peers that are installed here; their problems are compiled when first solved."""
+    found: dict[str, Solver] = {}
+    lacking = missing()
+    if "do-mpc" not in lacking:
+        from do_mpc_program import DoMpcProgram
+
+        found["do-mpc"] = DoMpcProgram(tolerance)
+    if "acados" not in lacking:
+        found["acados"] = acados_program.AcadosProgram(tolerance)
+    return found | {f"sqpmethod, {qp}": Sqp(qp, tolerance) for qp in SETTINGS}
 
 
-@cache
-def paper_problem(region: str, obstacles: int, steps: int = 15) -> Problem:
-    """Build the paper's problem; its printed s_ref is in the recorded parameters."""
-    return assemble(
-        unicycle(),
-        (GaussianDiscs(build("regions", region)),),
-        Paper(tail=float(np.exp(-0.5 * LEVEL**2))),
-        horizon=steps,
-        dt=DT,
-        rooms=((obstacles,),),
-    )
-
-
-def suited(instance: Instance, region: str) -> Instance:
-    """Fill in the auxiliaries that suit the guess, of regions that have any."""
-    own = GaussianDiscs(build("regions", region))
-    guess = with_auxiliaries(unicycle(), [own], instance.parameters, instance.guess)
-    return replace(instance, guess=guess, parameters=guess.pull(instance.parameters))
+def missing() -> dict[str, str]:
+    """Return why each peer that is left out is left out, by name."""
+    do_mpc = "" if find_spec("do_mpc") else "not installed (dependency group `bench`)"
+    found = {"do-mpc": do_mpc, "acados": acados_program.missing()}
+    return {name: why for name, why in found.items() if why}

@@ -1,23 +1,28 @@
 """Detectors and trackers on scans of people whose places are known: GOSPA, switches and NEES."""
 
-from collections.abc import Callable, Iterator, Sequence
+import sys
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import product
 from time import process_time
+from typing import Any
 
 import numpy as np
-from measuring import Row, Tick
+from joint_probabilistic import JointProbabilistic
+from measuring import Row, Tables
 from scipy.interpolate import CubicSpline
 
-from wideberth.benchmarks.joint_probabilistic import JointProbabilistic
 from wideberth.experiments.studies.prediction_data import PredictionData
 from wideberth.framework.plugins.config import build
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Scan, TrackedObstacle
-from wideberth.metrics.tracking import track_scores
+from wideberth.framework.values.sensing import Scan
+from wideberth.predictors.data.recordings import Recording
+from wideberth.simulation.sensing.perceived import TrackedObstacle
 from wideberth_perception.detector import Detector
 from wideberth_perception.tracker import Tracker
+from wideberth_perception.tracking_scores import track_scores
 
 BEAMS, RATE, TURN = 360, 10.0, 0.2
 """Beams, scans per second, and rad/s that the sensor turns at."""
@@ -29,21 +34,10 @@ UNDECIDED = 0.5
 """m. A track as near as this only to people who do not count does not count either."""
 
 
-@dataclass(frozen=True)
-class Crowds:
-    """Recordings that are scanned.
-
-    Attributes
-    ----------
-    folder : of files with rows `frame id x y`, 0.4 s apart; ``shipped:`` stands for the package's
-        own synthetic crowds.
-    seconds : the busiest stretch of each.
-    seeds : of the sensor's noise.
-    """
-
-    folder: str = "shipped:"
-    seconds: float = 30.0
-    seeds: tuple[int, ...] = (0,)
+DETECTORS: dict[str, Any] = {"discs": {"type": "discs", "shape": [RADIUS]}, "chords": "chords"}
+TRACKERS = ("nearest", "obstacle_tracker", "kf_hungarian")
+JPDA = "JPDA of Stone Soup"
+"""Follows the sightings of the first detector, where the library is installed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,29 +156,6 @@ def looks(recording: Recording, seconds: float, rng: np.random.Generator) -> Ite
         yield Look(scan, poses, truth, np.concatenate(others))
 
 
-def pairs() -> dict[str, Callable[[], tuple[Detector, Tracker]]]:
-    """Return the rows: a detector with a tracker."""
-    discs = {"type": "discs", "shape": [RADIUS]}
-    rows = [
-        *(("discs", discs, name) for name in ("nearest", "obstacle_tracker", "kf_hungarian")),
-        *(("chords", "chords", name) for name in ("nearest", "obstacle_tracker", "kf_hungarian")),
-    ]
-    found: dict[str, Callable[[], tuple[Detector, Tracker]]] = {}
-    for name, detector, tracker in rows:
-        found[f"{name}, {tracker}"] = _builder(detector, tracker)
-    if find_spec("stonesoup"):
-        found["discs, JPDA"] = _joint
-    return found
-
-
-def _builder(detector: object, tracker: str) -> Callable[[], tuple[Detector, Tracker]]:
-    return lambda: (build("detectors", detector), build("trackers", tracker))
-
-
-def _joint() -> tuple[Detector, Tracker]:
-    return build("detectors", {"type": "discs", "shape": [RADIUS]}), JointProbabilistic()
-
-
 def followed(look: Look, tracks: Sequence[TrackedObstacle]) -> list[TrackedObstacle]:
     """Return the tracks that count: within reach, and not of a person who does not."""
     here = look.poses[-1, :2]
@@ -226,23 +197,16 @@ def scored(run: Sequence[Look], detector: Detector, tracker: Tracker) -> Row:
     }
 
 
-def ticks(crowds: Crowds) -> int:
-    """Count how often `measure` reports progress."""
-    return len(PredictionData(crowds.folder).found()) * len(crowds.seeds) * len(pairs())
-
-
-def measure(crowds: Crowds, tick: Tick) -> list[Row]:
-    """Return one row per scene, detector and tracker: means over the seeds."""
-    data, rows = PredictionData(crowds.folder), []
+def tables(options: Namespace) -> Tables:
+    """Return one row per scene, detector and tracker."""
+    data, rows = PredictionData(options.people), []
     for scene, files in data.found().items():
-        recording = data.read(files)[0]
-        found: dict[str, list[Row]] = {}
-        for seed in crowds.seeds:
-            run = list(looks(recording, crowds.seconds, np.random.default_rng(seed)))
-            for name, make in pairs().items():
-                tick(f"{scene}: {name}")
-                found.setdefault(name, []).append(scored(run, *make()))
-        for name, each in found.items():
-            mean = {key: float(np.mean([row[key] for row in each])) for key in each[0]}
-            rows.append({"scene": scene, "detector, tracker": name, **mean})
-    return rows
+        recording, seconds = data.read(files)[0], 1.5 if options.quick else 30.0
+        run = list(looks(recording, seconds, np.random.default_rng(0)))
+        joint = [("discs", JPDA)] if find_spec("stonesoup") else []
+        for detector, tracker in [*product(DETECTORS, TRACKERS), *joint]:
+            print(f"{scene}: {detector}, {tracker}", file=sys.stderr)
+            follower = JointProbabilistic() if tracker == JPDA else build("trackers", tracker)
+            found = scored(run, build("detectors", DETECTORS[detector]), follower)
+            rows.append({"scene": scene, "detector": detector, "tracker": tracker, **found})
+    return {"tracking": ("Detectors and trackers among people", rows)}

@@ -5,9 +5,9 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.social_force import interaction_force
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Observation
+from ..metrics.social_force import interaction_force
 from ..people.models import exponential
 from ..people.walls import away_from_walls
 from .forces import pushed

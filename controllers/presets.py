@@ -8,8 +8,8 @@ or fallbacks. Each is a name for ``type``; what is stated beside it wins, and an
 from collections.abc import Mapping
 from typing import Any
 
-from ..framework.mpc.planner.recommended import for_polygons
 from ..framework.plugins.config import build
+from .recommended import for_polygons
 
 COMMON: dict[str, Any] = {"type": "mpc", "solver": "riccati", "penalty": 1e5}
 """Settings of every preset."""

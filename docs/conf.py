@@ -5,42 +5,39 @@ import re
 import sys
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-from _site import docstrings, examples, gallery, reference, repository, tutorials  # noqa: E402
+from _site import docstrings, examples, gallery, reference, repository, tutorials
+from sphinx.util.nodes import make_refnode
 
-import wideberth  # noqa: E402
+import wideberth
 
 project = "wideberth"
-author = "the authors of wideberth"
-copyright = author
+author = copyright = "the authors of wideberth"
 release = version = wideberth.__version__
 ADDRESSES = repository.addresses()
 
 extensions = [
-    "myst_parser",
-    "sphinx.ext.autodoc",
-    "sphinx.ext.mathjax",
-    "sphinx-mathjax-offline",
-    "sphinx.ext.viewcode",
-    "sphinx_copybutton",
-    "sphinx_design",
+    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode", "sphinx_copybutton", "sphinx_design",
     "sphinx_gallery.gen_gallery",
-]
+]  # fmt: skip
 exclude_patterns = ["_build", "_site", "tutorials", "gallery", "**/GALLERY_HEADER.rst"]
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!wideberth\.).*")]  # what other libraries define
 suppress_warnings = ["config.cache"]
 
-myst_enable_extensions = ["colon_fence", "dollarmath", "attrs_block"]
+myst_enable_extensions = ["colon_fence", "attrs_block"]
 myst_heading_anchors = 4
+napoleon_google_docstring = False
+napoleon_attr_annotations = False  # the signature has them
+napoleon_custom_sections = ["Returns", ("Attributes", "params_style")]
 autodoc_member_order = "bysource"
 toc_object_entries_show_parents = "hide"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 88
-default_role = None
+default_role = "py:obj"
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 
@@ -60,21 +57,12 @@ html_static_path = ["_static", "auto/first/plan.png"]
 html_favicon = "_static/logo.svg"
 html_css_files = ["site.css"]
 html_sidebars = {"start": [], "glossary": []}  # pages without pages below them
-html_show_sourcelink = False
-html_copy_source = False
+html_show_sourcelink = html_copy_source = False
+LOGO = {"image_light": "_static/logo.svg", "image_dark": "_static/logo.svg"}
+SOURCE = {"name": "Repository", "url": ADDRESSES["Source"], "icon": "fa-brands fa-github"}
 html_theme_options = {
-    "logo": {
-        "text": f"{project} {release}",
-        "image_light": "_static/logo.svg",
-        "image_dark": "_static/logo.svg",
-    },
-    "icon_links": [
-        {
-            "name": "Repository",
-            "url": ADDRESSES["Source"],
-            "icon": "fa-brands fa-github",
-        }
-    ],
+    "logo": {"text": f"{project} {release}", **LOGO},
+    "icon_links": [SOURCE],
     "show_prev_next": False,
     "navigation_with_keys": False,
     "footer_start": [],
@@ -94,23 +82,14 @@ sphinx_gallery_conf = {
     "first_notebook_cell": tutorials.INSTALLATION,
     "remove_config_comments": True,
     "write_computation_times": False,  # its page would fetch scripts
-    "plot_gallery": "True",
     "abort_on_example_error": True,
-    "only_warn_on_example_error": False,
-    "doc_module": (),
-    "reference_url": {},
     "nested_sections": False,
 }
 
-GROUPS = reference.groups()
-PAGES = reference.pages_of(GROUPS)
-HOLDERS = {entry.path: entry.found for group in GROUPS for entry in group.entries}
-reference.write(HERE / "auto" / "reference", GROUPS)
-repository.write(HERE / "auto", sorted(HERE.glob("*.md")))
-repository.forget(HERE / "auto")
-examples.draw(HERE / "auto" / "examples")
-examples.draw_first(HERE / "auto" / "first")
-gallery.write(HERE / "auto" / "pictures")
+reference.write_pages()
+repository.write_pages()
+gallery.write_pages()
+examples.draw()
 ARRAY = re.compile(r"(?:numpy\.|~)*ndarray\[[^()]*?dtype\[[^\]]*\]\]")
 
 
@@ -120,15 +99,15 @@ def read(app, name, source):
         text = examples.with_pictures(source[0]) if name == "examples" else source[0]
         source[0] = repository.linked(text, Path("docs"), name)
     elif name == "auto/gallery/index":
-        source[0] = gallery.index(source[0].partition(".. raw:: html")[0])
+        source[0] = gallery.index(source[0].partition(".. raw:: html")[0].rstrip())
     elif name.startswith("auto/tutorials/") and name != "auto/tutorials/index":
         source[0] = tutorials.with_notebook(source[0], name.rpartition("/")[2])
 
 
 def process_docstring(app, what, name, found, options, lines):
-    """Rewrite a docstring; a method's names are looked up in its class too."""
-    owner = HOLDERS.get(name.rpartition(".")[0])
-    lines[:] = docstrings.rewritten(lines, docstrings.linker(PAGES, found, owner))
+    """Write a docstring as napoleon, which comes next, reads it."""
+    first = ["\\ "] if what == "attribute" else []  # in its first line a colon would end a type
+    lines[:] = [*first, *docstrings.rewritten("\n".join(lines)).splitlines()]
 
 
 def process_signature(app, what, name, found, options, signature, returned):
@@ -139,15 +118,26 @@ def process_signature(app, what, name, found, options, signature, returned):
     )
 
 
-def leave_aliases(app, environment, node, shown):
-    """Show an alias or a type variable of a signature as text; links in prose must lead on."""
-    return shown if node.get("reftype") == "class" else None
+def resolve(app, environment, node, shown):
+    """Link a class that the reference has under a shorter name; leave other names as text.
+
+    Names on the pages of guides must lead on.
+    """
+    if node.get("refdomain") != "py" or not node["refdoc"].startswith("auto/reference/"):
+        return None
+    domain = environment.domains["py"]
+    last = re.fullmatch(r"(?:wideberth.*\.)?([A-Z]\w*(?:\.\w+)?)", node["reftarget"])
+    found = domain.find_obj(environment, None, None, last[1], None, 1) if last else []
+    if len(found) != 1:
+        return shown
+    (path, place) = found[0]
+    return make_refnode(app.builder, node["refdoc"], place.docname, place.node_id, shown, path)
 
 
 def setup(app):
     """Connect the functions above; thumbnails are drawn after sphinx-gallery ran its scripts."""
     app.connect("builder-inited", lambda app: gallery.draw_thumbnails(), priority=900)
     app.connect("source-read", read)
-    app.connect("missing-reference", leave_aliases)
-    app.connect("autodoc-process-docstring", process_docstring)
+    app.connect("missing-reference", resolve)
+    app.connect("autodoc-process-docstring", process_docstring, priority=400)
     app.connect("autodoc-process-signature", process_signature)

@@ -10,7 +10,7 @@ _NAMES = {
     "mpc.ocp.bodies": "Body BodyPath bodies body_starts",
     "mpc.ocp.problem": "SlotNumbers Slots",
     "mpc.ocp.stage": "Frame slots_of",
-    "mpc.planner.recommended": "recommended",
+    "wideberth.controllers.recommended": "recommended",
     "mpc.planner.rollout": "steer",
     "mpc.planner.rungs": "FallbackRung NotHeld",
     "mpc.slots.base": """
@@ -32,11 +32,7 @@ _NAMES = {
         check_region check_robot check_route_planner check_scenario check_slot_kind check_solver
         check_static_region
     """,
-    "tracking.forecast_sets": "read_forecasts write_forecasts",
     "tracking.identities": "Identities",
-    "tracking.recordings": "read_tracks",
-    "tracking.resampling": "resampled_tracks",
-    "tracking.windows": "Windows cut_windows windows_of",
     "values.arrays": "Array BoolArray Scalar",
     "values.beliefs": "Beliefs",
     "values.costmap": "Costmap",
@@ -50,10 +46,15 @@ _NAMES = {
     "values.path": "Path",
     "values.plan": "Plan Status",
     "values.polygon": "Polygon best_direction separation",
-    "values.sensing": "InertialSample Scan Sightings WheelSample",
+    "values.sensing": "Scan",
     "values.tracks": "Tracks",
-    "values.walls": "box walls_around walls_of_segments walls_of_shapes",
+    "wideberth.predictors.data.forecast_sets": "read_forecasts write_forecasts",
+    "wideberth.predictors.data.recordings": "read_tracks",
+    "wideberth.predictors.data.resampled": "resampled_tracks",
+    "wideberth.predictors.data.windows": "Windows cut_windows windows_of",
+    "wideberth.routes.walls": "box walls_around walls_of_segments walls_of_shapes",
+    "wideberth.simulation.sensing.perceived": "InertialSample Sightings WheelSample",
 }
-"""Module -> its public names, which are imported on first use."""
+"""Module -> its public names, which are imported on first use; whole names are of higher rooms."""
 
 __getattr__, __dir__, __all__ = lazy(__name__, _NAMES)

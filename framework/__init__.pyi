@@ -2,6 +2,7 @@
 # ruff: noqa
 # fmt: off
 
+from ..controllers.recommended import recommended as recommended
 from .calibration import Calibration as Calibration
 from .calibration import MomentCalibration as MomentCalibration
 from .calibration import fewest_ranks as fewest_ranks
@@ -22,7 +23,6 @@ from .mpc.ocp.problem import SlotNumbers as SlotNumbers
 from .mpc.ocp.problem import Slots as Slots
 from .mpc.ocp.stage import Frame as Frame
 from .mpc.ocp.stage import slots_of as slots_of
-from .mpc.planner.recommended import recommended as recommended
 from .mpc.planner.rollout import steer as steer
 from .mpc.planner.rungs import FallbackRung as FallbackRung
 from .mpc.planner.rungs import NotHeld as NotHeld
@@ -77,14 +77,7 @@ from .testing import check_scenario as check_scenario
 from .testing import check_slot_kind as check_slot_kind
 from .testing import check_solver as check_solver
 from .testing import check_static_region as check_static_region
-from .tracking.forecast_sets import read_forecasts as read_forecasts
-from .tracking.forecast_sets import write_forecasts as write_forecasts
 from .tracking.identities import Identities as Identities
-from .tracking.recordings import read_tracks as read_tracks
-from .tracking.resampling import resampled_tracks as resampled_tracks
-from .tracking.windows import Windows as Windows
-from .tracking.windows import cut_windows as cut_windows
-from .tracking.windows import windows_of as windows_of
 from .values.arrays import Array as Array
 from .values.arrays import BoolArray as BoolArray
 from .values.arrays import Scalar as Scalar
@@ -112,13 +105,20 @@ from .values.plan import Status as Status
 from .values.polygon import Polygon as Polygon
 from .values.polygon import best_direction as best_direction
 from .values.polygon import separation as separation
-from .values.sensing import InertialSample as InertialSample
 from .values.sensing import Scan as Scan
-from .values.sensing import Sightings as Sightings
-from .values.sensing import WheelSample as WheelSample
 from .values.tracks import Tracks as Tracks
-from .values.walls import box as box
-from .values.walls import walls_around as walls_around
-from .values.walls import walls_of_segments as walls_of_segments
-from .values.walls import walls_of_shapes as walls_of_shapes
+from ..predictors.data.forecast_sets import read_forecasts as read_forecasts
+from ..predictors.data.forecast_sets import write_forecasts as write_forecasts
+from ..predictors.data.recordings import read_tracks as read_tracks
+from ..predictors.data.resampled import resampled_tracks as resampled_tracks
+from ..predictors.data.windows import Windows as Windows
+from ..predictors.data.windows import cut_windows as cut_windows
+from ..predictors.data.windows import windows_of as windows_of
+from ..routes.walls import box as box
+from ..routes.walls import walls_around as walls_around
+from ..routes.walls import walls_of_segments as walls_of_segments
+from ..routes.walls import walls_of_shapes as walls_of_shapes
+from ..simulation.sensing.perceived import InertialSample as InertialSample
+from ..simulation.sensing.perceived import Sightings as Sightings
+from ..simulation.sensing.perceived import WheelSample as WheelSample
 __all__ = ['Adaptive', 'AdaptiveFiltering', 'Array', 'Auxiliary', 'Beliefs', 'Body', 'BodyPath', 'BoolArray', 'Bounds', 'Calibration', 'Command', 'Constraint', 'Controller', 'Cost', 'Costmap', 'Coverage', 'Detection', 'Discs', 'DrivesRobot', 'Event', 'FallbackRung', 'Filtering', 'Fittable', 'Forecast', 'Frame', 'GaussianObstacle', 'Guarantee', 'Identities', 'InertialSample', 'KnownObstacles', 'LIGHT', 'LevelPolicy', 'LevelledKind', 'Measurements', 'MomentCalibration', 'NotHeld', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'PlanningContext', 'Polygon', 'Pose', 'Predictor', 'Promise', 'Quantity', 'Region', 'Relation', 'Robot', 'Route', 'RoutePlanner', 'Scalar', 'Scan', 'Scene', 'Sightings', 'SlotAssignment', 'SlotKind', 'SlotNumbers', 'SlotSizes', 'Slots', 'Solver', 'StaticRegion', 'Status', 'Touch', 'Tracks', 'Twist', 'WheelSample', 'WideberthError', 'Windows', 'active_slots', 'best_direction', 'bodies', 'body_starts', 'box', 'build', 'check_calibration', 'check_controller', 'check_cost', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_static_region', 'collision_probability', 'cut_windows', 'describe', 'deviations', 'fewest_ranks', 'largest', 'level_of', 'load', 'load_plugin', 'moments', 'names', 'next_capacity', 'on_time', 'rank_quantile', 'read_config', 'read_forecasts', 'read_tracks', 'recommended', 'refuse_misfits', 'register', 'resampled_tracks', 'save_plugin', 'separation', 'slots_of', 'solve_many', 'steer', 'walls_around', 'walls_of_segments', 'walls_of_shapes', 'windows_of', 'write_forecasts']

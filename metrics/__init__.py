@@ -5,7 +5,6 @@ from ..framework.plugins.lazy import lazy
 _NAMES = {
     "episode": "clearance path_length",
     "scoring": "covered displacement reached_tail",
-    "tracking": "gospa track_scores",
 }
 """Module -> its public names, which are imported on first use."""
 

@@ -7,6 +7,4 @@ from .episode import path_length as path_length
 from .scoring import covered as covered
 from .scoring import displacement as displacement
 from .scoring import reached_tail as reached_tail
-from .tracking import gospa as gospa
-from .tracking import track_scores as track_scores
-__all__ = ['clearance', 'covered', 'displacement', 'gospa', 'path_length', 'reached_tail', 'track_scores']
+__all__ = ['clearance', 'covered', 'displacement', 'path_length', 'reached_tail']

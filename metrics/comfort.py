@@ -7,9 +7,9 @@ and K instants are (O, K), NaN where one is absent.
 
 import numpy as np
 
-from ..framework.numerics.social_force import interaction_force
 from ..framework.values.arrays import Array
 from .motion import velocities
+from .social_force import interaction_force
 
 ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6, "public": np.inf}
 """Upper ends of the proxemic zones, m, between surfaces (Hall; the limits are HuNavSim's)."""

@@ -10,12 +10,13 @@ from typing import TypeVar, final
 
 import numpy as np
 
-from ..framework.numerics.geometry import distance_to_ellipse, sum_gauge, sum_volume
+from ..framework.numerics.geometry import sum_gauge
 from ..framework.region import Region, Signed
 from ..framework.risk.collision_probability import collision_probability
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import GaussianObstacle
+from .ellipses import distance_to_ellipse, sum_volume
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ..framework.predictor import Adaptive, AdaptiveFiltering, Fittable, Predictor
-from ..framework.tracking.windows import Windows, windows_of
 from ..framework.values.arrays import (
     Array,
     BoolArray,
@@ -33,6 +32,7 @@ from .core.history import LONGEST_GAP, IntArray, gather
 from .core.kalman_filter import whitened
 from .core.wrapping import Wrapping
 from .corrected import Corrected, thinned
+from .data.windows import Windows, windows_of
 from .interacting_models import InteractingModels
 
 EARLY = 0.9

@@ -110,7 +110,7 @@ forecasts from the newest 20 were likelier (3.38 against 3.26 nat per step); let
 class BayesianVectorAutoregression(Fittable):
     """VAR(2) on velocities, shrunk towards a prior: usable from three samples.
 
-    v_h = A_1 v_{h-1} + A_2 v_{h-2} + u_h,   u_h ~ N(0, Sigma_u)
+        v_h = A_1 v_{h-1} + A_2 v_{h-2} + u_h,   u_h ~ N(0, Sigma_u)
 
     B = [A_1 A_2]' and Sigma_u have the conjugate prior `Prior`, whose mean is constant
     velocity (A_1 = I, A_2 = 0), and each obstacle's own history the `posterior`. With few samples

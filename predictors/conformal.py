@@ -8,7 +8,6 @@ import numpy as np
 
 from ..framework.calibration import Calibration, CalibrationScores, MomentCalibration
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import same_dimension
 from ..framework.values.arrays import probability, whole
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.coverage import Coverage
@@ -18,6 +17,7 @@ from .calibrations.per_step import PerStep
 from .core.assembly import refuse_adaptive
 from .core.calibration import Scales, known_scales, same_step, scaled, scored, scored_in_time
 from .core.wrapping import Wrapping
+from .data.windows import same_dimension
 from .empirical import Empirical
 
 
@@ -26,7 +26,7 @@ from .empirical import Empirical
 class Conformal(Wrapping, Fittable):
     """Scales the covariances of a base predictor so that regions keep a promise.
 
-    Sigma_h -> s_h Sigma_h,   s_h = q_h / q_D
+        Sigma_h -> s_h Sigma_h,   s_h = q_h / q_D
 
     with q_h the squared size of the region of step h, in units of the base's covariance, by which
     the ``calibration`` keeps its promise on data, and q_D the quantile of chi^2_D at 1 - tail:

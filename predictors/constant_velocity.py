@@ -24,7 +24,7 @@ class ConstantVelocity(Predictor):
     The covariance is exact for independent measurement noise R and a velocity that drifts
     under white acceleration of density q. With T = w dT, the state (p_k, v_k) starts with
 
-    P_0 = [[R, R/T], [R/T, 2R/T^2 + q T/3 I]]
+        P_0 = [[R, R/T], [R/T, 2R/T^2 + q T/3 I]]
 
     (q T/3 is the variance between the mean velocity over T and the velocity at its end) and
     then grows by F P F' + Q as in `white_acceleration`. Where a tracker gives its own

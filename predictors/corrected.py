@@ -7,7 +7,6 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import Windows, windows_of
 from ..framework.values.arrays import Array, checked, positive, whole
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
@@ -16,6 +15,7 @@ from .core.assembly import refuse_adaptive
 from .core.calibration import replayed, same_step
 from .core.history import Histories, IntArray, gather
 from .core.wrapping import Wrapping
+from .data.windows import Windows, windows_of
 from .interacting_models import InteractingModels
 
 BACK = 3

@@ -8,7 +8,6 @@ from typing import ClassVar, Self, TypeAlias, final
 import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import Windows, windows_of
 from ..framework.values.arrays import Array, BoolArray, checked, positive, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
@@ -17,6 +16,7 @@ from .constant_velocity import ConstantVelocity
 from .core.assembly import refuse_adaptive
 from .core.calibration import replayed, same_step
 from .core.history import Histories, IntArray, gather
+from .data.windows import Windows, windows_of
 
 Row: TypeAlias = tuple[float, ...]
 Pair: TypeAlias = tuple[float, float]

@@ -7,7 +7,6 @@ from typing import ClassVar, Self, final
 import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import same_dimension
 from ..framework.values.arrays import Array, probability, whole
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.coverage import Coverage, Event
@@ -18,6 +17,7 @@ from .core.assembly import refuse_adaptive
 from .core.calibration import Scales, known_scales, same_step, scaled, scored_in_time
 from .core.history import IntArray
 from .core.wrapping import Wrapping
+from .data.windows import same_dimension
 from .kalman import Kalman
 
 

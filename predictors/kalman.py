@@ -27,7 +27,7 @@ out of the fit were forecast worse, as noise against motion is a matter of each 
 class Kalman(Filtering, Fittable):
     """A Kalman filter on position and velocity, rolled out over the horizon.
 
-    s_{k+1} = F s_k + w,  w ~ N(0, Q);   z_k = p_k + e,  e ~ N(0, R)
+        s_{k+1} = F s_k + w,  w ~ N(0, Q);   z_k = p_k + e,  e ~ N(0, R)
 
     with F and Q of white acceleration of density q (`white_acceleration`) and R the
     covariance of a measurement plus ``noise_floor``^2 I. Each measurement is taken at its own

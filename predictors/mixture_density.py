@@ -8,7 +8,6 @@ import numpy as np
 
 from ..framework.plugins.extras import check_extra
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import windows_of
 from ..framework.values.arrays import whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
@@ -25,6 +24,7 @@ from .core.density_network import (
     rows_that_span,
 )
 from .core.history import NOISE_FLOOR, Histories, gather, too_short
+from .data.windows import windows_of
 
 WANTED = 100
 """Fewest windows to fit to."""

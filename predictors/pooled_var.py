@@ -8,7 +8,6 @@ from typing import ClassVar, Self, final
 import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracking.windows import windows_of
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
@@ -17,6 +16,7 @@ from .core.assembly import Gaussians, refuse_adaptive, with_fallback
 from .core.history import LONGEST_GAP, NOISE_FLOOR, Histories, gather, measurement_noise
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
+from .data.windows import windows_of
 from .kalman import Kalman
 
 SAME_STEP = 0.01

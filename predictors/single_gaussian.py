@@ -22,7 +22,7 @@ from .mixture_density import MixtureDensity
 class SingleGaussian(Wrapping, Fittable):
     """The forecast of another predictor with its modes merged into one Gaussian.
 
-    mu = sum_k w_k mu_k,   Sigma = sum_k w_k (Sigma_k + (mu_k - mu) (mu_k - mu)')
+        mu = sum_k w_k mu_k,   Sigma = sum_k w_k (Sigma_k + (mu_k - mu) (mu_k - mu)')
 
     The mean and covariance are those of the mixture. An MPC then keeps clear of one region per
     obstacle. That costs less time, and less room where the modes overlap: each mode's own

@@ -34,7 +34,7 @@ class Smoothed(Predictor):
     sqrt(2) r / dT each, whose neighbours are correlated, which biases a fitted VAR. Here the
     positions pass through a smoother (Rauch, Tung and Striebel) first:
 
-    s_{k+1} = F s_k + w,  w ~ N(0, Q);   z_k = p_k + e,  e ~ N(0, R)
+        s_{k+1} = F s_k + w,  w ~ N(0, Q);   z_k = p_k + e,  e ~ N(0, R)
 
     with F and Q of `white_acceleration`, started as `Kalman` is. The base gets smoothed positions
     (what was not observed stays so), the covariance of the newest one as its noise, and that

@@ -9,11 +9,11 @@ import numpy as np
 from ..framework.predictor import AdaptiveFiltering, Predictor
 from ..framework.values.arrays import Array, BoolArray, positive, whole
 from ..framework.values.beliefs import Beliefs
-from ..framework.values.convex_area import THIN, ConvexArea, Corners, checked_area
 from ..framework.values.forecast import LIGHT, Forecast, Scene
 from ..framework.values.measurements import NO_LOG, Measurements
 from ..framework.values.polygon import convex_hull, width_across
 from ..framework.values.tracks import Tracks
+from ..people.convex_area import THIN, ConvexArea, Corners, checked_area
 from .core.assembly import Gaussians, with_fallback
 from .core.history import NOISE_FLOOR, gather, measurement_noise
 from .core.kalman_filter import filtered

@@ -98,7 +98,7 @@ HISTORY = 80
 class VectorAutoregression(Predictor):
     """VAR(2) on world-frame velocities, fitted to each obstacle's own history.
 
-    v_{h} = A_1 v_{h-1} + A_2 v_{h-2} + u_h,   u_h ~ N(0, Sigma_u)
+        v_{h} = A_1 v_{h-1} + A_2 v_{h-2} + u_h,   u_h ~ N(0, Sigma_u)
 
     with v_k = (p_k - p_{k-1}) / dT, fitted by least squares at every call, without an intercept:
     the paper does not say, and one fails on every straight run along an axis and pulls

@@ -10,10 +10,10 @@ an ellipse of level sqrt(q), nothing where q <= 0. In 2-D k = 2 ln(2 sigma_1 sig
 
 import numpy as np
 
-from ..framework.numerics.geometry import UNIT_BALL
 from ..framework.values.arrays import Array
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import GaussianObstacle
+from ..metrics.ellipses import UNIT_BALL
 from . import gaussian
 
 _THIN = 1e-12

@@ -5,12 +5,12 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.geometry import UNIT_BALL
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
+from ..metrics.ellipses import UNIT_BALL
 from . import density, gaussian
 
 _TINY = 1e-13

@@ -12,13 +12,13 @@ import numpy as np
 
 from ..framework.numerics.chi_square import content_bound
 from ..framework.numerics.eigenframe import eigen_axes
-from ..framework.numerics.geometry import UNIT_BALL, distance_to_ellipse
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, ClosedForm, Convex, Region, RiskLevel, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar, all_finite, probability
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
+from ..metrics.ellipses import UNIT_BALL, distance_to_ellipse
 
 FLOOR = 1e-9
 """m. Added in quadrature to every axis, so that a point obstacle without margin gives finite

@@ -5,11 +5,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.geometry import UNIT_BALL, mean_cubed_support, mean_support, perimeter
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
+from ..metrics.ellipses import UNIT_BALL, mean_cubed_support, mean_support, perimeter
 from . import gaussian
 
 
@@ -79,7 +79,7 @@ class HalfPlane(gaussian.Eigenframe, gaussian.LineLevel, Bounded):
         By the moments of h over directions: the mean is L / (2 pi) in 2-D, with L the
         perimeter of the ellipse with semi-axes sigma_i, and R_G(l_1, l_2, l_3) in 3-D; the mean
         of the square tr(Sigma) / D; of the cube
-        `framework.numerics.geometry.mean_cubed_support`.
+        `metrics.ellipses.mean_cubed_support`.
         """
         _, _, deviations, margin = gaussian.unpack(parameters)
         z, size = np.asarray(level), deviations.shape[-1]

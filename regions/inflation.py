@@ -12,8 +12,9 @@ and is `largest_clearance_error`; the radial one is larger and can exceed the ma
 
 import numpy as np
 
-from ..framework.numerics.geometry import distance_to_ellipse, sum_gauge
+from ..framework.numerics.geometry import sum_gauge
 from ..framework.values.arrays import Array
+from ..metrics.ellipses import distance_to_ellipse
 
 
 def means(a: Array, b: Array) -> tuple[Array, Array]:

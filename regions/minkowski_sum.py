@@ -5,12 +5,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.geometry import (
-    concave_maximiser,
-    distance_to_ellipse,
-    sum_gauge,
-    sum_volume,
-)
+from ..framework.numerics.geometry import concave_maximiser, sum_gauge
 from ..framework.numerics.symbolic import ca
 from ..framework.region import (
     Auxiliary,
@@ -23,6 +18,7 @@ from ..framework.region import (
 )
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
+from ..metrics.ellipses import distance_to_ellipse, sum_volume
 from . import gaussian
 
 _LEAST = 1e-6

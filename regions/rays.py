@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..framework.numerics.geometry import UNIT_BALL
 from ..framework.values.arrays import Array
+from ..metrics.ellipses import UNIT_BALL
 from . import gaussian
 
 _HALVINGS = 18

@@ -6,7 +6,6 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.geometry import closest_point
 from ..framework.numerics.symbolic import ca
 from ..framework.region import (
     Auxiliary,
@@ -17,6 +16,7 @@ from ..framework.region import (
 )
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
+from ..metrics.ellipses import closest_point
 from . import gaussian
 from .minkowski_sum import EllipsePlusDisc
 

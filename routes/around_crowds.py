@@ -23,7 +23,6 @@ from ..framework.controller import (
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import Array, positive
-from ..framework.values.convex_area import ConvexArea, Corners, checked_area
 from ..framework.values.costmap import MAX_NON_OBSTACLE, Costmap
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Observation
@@ -31,6 +30,7 @@ from ..framework.values.path import Path
 from ..framework.values.path_progress import PathProgress
 from ..framework.values.plan import Plan
 from ..framework.values.polygon import Polygon
+from ..people.convex_area import ConvexArea, Corners, checked_area
 from .inflation import Inflation
 from .navfn import NavFn
 from .polygons import grid_of_polygons

@@ -4,23 +4,22 @@
 page, too. What a command draws was drawn before (`make pictures`); its page is written here.
 """
 
-import ast
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 from PIL import Image, ImageOps, ImageSequence
+from sphinx_gallery.py_source_parser import split_code_and_text_blocks
 
-Part = tuple[float, float, float]
-DOCS = Path(__file__).resolve().parents[1]
+from . import DOCS, page, write
+
 LIST = DOCS / "pictures.yaml"
 KEPT = DOCS / "figures" / "gallery"
-SIZE = (480, 320)  # pixels of a thumbnail
+CARD = (480, 320)  # pixels of a thumbnail
 COLOURS = {".png": 64, ".gif": 24}
 WIDTHS = {".png": (1200,), ".gif": (640, 480, 420, 360, 320)}
 """Pixels; of several the first that is small enough."""
@@ -35,10 +34,10 @@ class Picture:
     Parameters
     ----------
     text : one sentence on the card.
+    picture : file of the picture, relative to docs.
     script : of docs/gallery, without its ending; or empty.
     command : what a shell runs, where no script draws the picture.
     file : what of the command's files is shown; empty where it writes the picture itself.
-    picture : file of the picture, relative to docs.
     thumbnail : left, top and width of the shown part, as shares of the picture; its height is a
         card's.
     page : the guide that explains it, or empty.
@@ -51,7 +50,7 @@ class Picture:
     script: str = ""
     command: str = ""
     file: str = ""
-    thumbnail: Part = (0.0, 0.0, 1.0)
+    thumbnail: tuple[float, float, float] = (0.0, 0.0, 1.0)
     page: str = ""
 
     @property
@@ -60,14 +59,9 @@ class Picture:
         return f"auto/gallery/{self.script}" if self.script else f"auto/pictures/{self.name}"
 
     @property
-    def moves(self) -> bool:
-        """Whether it is a film."""
-        return self.picture.endswith(".gif")
-
-    @property
     def small(self) -> str:
         """File of the thumbnail, relative to docs."""
-        return f"auto/thumbnails/{self.name}.{'gif' if self.moves else 'png'}"
+        return f"auto/thumbnails/{self.name}{Path(self.picture).suffix}"
 
 
 def sections() -> dict[str, list[Picture]]:
@@ -76,53 +70,35 @@ def sections() -> dict[str, list[Picture]]:
     return {title: [read(entry) for entry in entries] for title, entries in listed.items()}
 
 
-def pictures() -> Iterator[Picture]:
-    """Yield all pictures."""
-    for found in sections().values():
-        yield from found
+def pictures() -> list[Picture]:
+    """Return all pictures."""
+    return [one for section in sections().values() for one in section]
 
 
 def read(entry: dict) -> Picture:
     """Return a picture of the list; a script says itself what it draws."""
-    entry = {**entry, "thumbnail": tuple(entry.get("thumbnail", (0.0, 0.0, 1.0)))}
     if script := entry.get("script"):
-        words = ast.get_docstring(
-            ast.parse((DOCS / "gallery" / f"{script}.py").read_text("utf-8"))
+        _, ((_, words, _), *_) = split_code_and_text_blocks(str(DOCS / f"gallery/{script}.py"))
+        title, _, _, paragraph = words.strip().split("\n", 3)
+        first = " ".join(paragraph.split()).split(". ")[0].rstrip(".") + "."
+        drawn = f"auto/gallery/images/sphx_glr_{script}_001.png"
+        return Picture(
+            **{"name": script, "title": title, "text": first, "picture": drawn, **entry}
         )
-        title, _, *paragraph = words.splitlines()
-        first = " ".join(paragraph).strip().split(". ")[0].rstrip(".") + "."
-        entry = {"name": script, "title": title, "text": first, **entry}
-        entry["picture"] = f"auto/gallery/images/sphx_glr_{script}_001.png"
-    entry.setdefault(
-        "picture", f"figures/gallery/{entry['name']}{Path(entry.get('file', '')).suffix}"
-    )
-    return Picture(**entry)
+    kept = f"figures/gallery/{entry['name']}{Path(entry.get('file', '')).suffix}"
+    return Picture(**{"picture": kept, **entry})
 
 
-def write(folder: Path) -> None:
+def write_pages() -> None:
     """Write the page of each picture that a command makes."""
-    folder.mkdir(parents=True, exist_ok=True)
-    wanted = {f"{one.name}.rst": page_of(one) for one in pictures() if not one.script}
-    for old in folder.glob("*.rst"):
-        if old.name not in wanted:
-            old.unlink()
-    for name, text in wanted.items():
-        if not (folder / name).exists() or (folder / name).read_text(encoding="utf-8") != text:
-            (folder / name).write_text(text, encoding="utf-8")
+    drawn = [one for one in pictures() if not one.script]
+    texts = {f"{one.name}.rst": page("picture", one.title, one=one) for one in drawn}
+    write(DOCS / "auto" / "pictures", texts)
 
 
-def page_of(one: Picture) -> str:
-    """Return the source of the page of a picture: what it shows, and the command."""
-    lines = [one.title, "=" * len(one.title), "", one.text, ""]
-    lines += [] if one.file else ["In a clone of the repository:", ""]
-    lines += [".. code-block:: sh", ""]
-    lines += [f"   {line}" for line in one.command.strip().splitlines()]
-    drawn = one.file or f"docs/{one.picture}"
-    lines += ["", f"It writes ``{drawn}``:", ""]
-    lines += [f".. image:: /{one.picture}", f"   :alt: {one.title}", "   :align: center", ""]
-    if one.page:
-        lines += [f"More of it: :doc:`/{one.page}`.", ""]
-    return "\n".join(lines)
+def index(header: str) -> str:
+    """Return the source of the gallery's first page: cards, section by section."""
+    return page("gallery", header, sections=sections())
 
 
 def draw(names: list[str]) -> None:
@@ -132,70 +108,16 @@ def draw(names: list[str]) -> None:
         target = DOCS / one.picture
         if target.parent != KEPT or (names and one.name not in names):
             continue
-        target.parent.mkdir(exist_ok=True)
         with tempfile.TemporaryDirectory() as place:
             subprocess.run(
                 one.command, shell=True, cwd=place, check=True, stdout=subprocess.DEVNULL,
                 env={**os.environ, "PATH": path},
             )  # fmt: skip
-            shrink(Path(place) / one.file, target)
+            for width in WIDTHS[target.suffix]:
+                shrink(Path(place) / one.file, target, width)
+                if target.stat().st_size <= LARGEST:
+                    break
         print(f"{target}: {target.stat().st_size / 1e3:.0f} kB")
-
-
-def shrink(source: Path, target: Path) -> None:
-    """Write a picture or a film with fewer pixels and colours, and a film with fewer frames."""
-    frames, pause = frames_of(source)
-    every = -(-len(frames) // FRAMES)
-    for most in WIDTHS[target.suffix]:
-        width = min(most, frames[0].width)
-        size = width, round(frames[0].height * width / frames[0].width)
-        small = [one.resize(size, Image.Resampling.LANCZOS) for one in frames[::every]]
-        save(small, target, every * pause)
-        if target.stat().st_size <= LARGEST:
-            return
-
-
-def frames_of(source: Path) -> tuple[list[Image.Image], float]:
-    """Return a picture, or all of a film, on white, and the time from frame to frame in ms."""
-    with Image.open(source) as image:
-        frames = [frame.convert("RGBA") for frame in ImageSequence.Iterator(image)]
-        pause = image.info.get("duration", 0)
-    for i, frame in enumerate(frames):
-        white = Image.new("RGBA", frame.size, "white")
-        white.alpha_composite(frame)
-        frames[i] = white.convert("RGB")
-    return frames, pause
-
-
-def save(frames: list[Image.Image], target: Path, pause: float) -> None:
-    """Write a picture or a film of few colours, those of the frame in the middle."""
-    most = Image.Quantize.MAXCOVERAGE
-    palette = frames[len(frames) // 2].quantize(COLOURS[target.suffix], most, kmeans=3)
-    few = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in frames]
-    film = {"save_all": True, "append_images": few[1:], "duration": pause, "loop": 0}
-    few[0].save(target, optimize=True, **(film if target.suffix == ".gif" else {}))
-
-
-def index(header: str) -> str:
-    """Return the source of the gallery's first page: cards, section by section."""
-    lines = [":html_theme.sidebar_secondary.remove:", "", header.rstrip(), ""]
-    lines += [".. toctree::", "   :hidden:", ""]
-    lines += [f"   /{one.document}" for one in pictures()]
-    for title, found in sections().items():
-        lines += ["", title, "-" * len(title), "", ".. grid:: 1 2 3 3", "   :gutter: 3", ""]
-        for one in found:
-            lines += [
-                f"   .. grid-item-card:: {one.title}",
-                f"      :img-top: /{one.small}",
-                f"      :img-alt: {one.title}",
-                f"      :link: /{one.document}",
-                "      :link-type: doc",
-                "      :class-card: thumbnail",
-                "",
-                f"      {one.text}",
-                "",
-            ]
-    return "\n".join(lines)
 
 
 def draw_thumbnails() -> None:
@@ -203,18 +125,42 @@ def draw_thumbnails() -> None:
     for one in pictures():
         small, source = DOCS / one.small, DOCS / one.picture
         newest = max(path.stat().st_mtime for path in (source, LIST))
-        if small.exists() and small.stat().st_mtime > newest:
-            continue
-        small.parent.mkdir(parents=True, exist_ok=True)
-        frames, pause = frames_of(source)
-        every = -(-len(frames) // FRAMES)
-        shown = [thumbnail(frame, one.thumbnail) for frame in frames[::every]]
-        save(shown, small, every * pause)
+        if not small.exists() or small.stat().st_mtime <= newest:
+            shrink(source, small, CARD[0], one.thumbnail)
 
 
-def thumbnail(image: Image.Image, part: Part) -> Image.Image:
-    """Return a part of a picture in the size of a thumbnail, filled up with white."""
-    left, top, right = image.width * part[0], image.height * part[1], image.width * sum(part[::2])
-    bottom = min(image.height, top + (right - left) * SIZE[1] / SIZE[0])
-    shown = image.crop([round(edge) for edge in (left, top, right, bottom)])
-    return ImageOps.pad(shown, SIZE, method=Image.Resampling.LANCZOS, color="white")
+def shrink(source: Path, target: Path, width: int, part: tuple = (), most: int = FRAMES) -> None:
+    """Write a picture or a film with fewer pixels and colours, and a film with fewer frames.
+
+    Parameters
+    ----------
+    width : pixels, at most.
+    part : see `Picture.thumbnail`; filled up with white to a card.
+    most : frames of a film, at most.
+    """
+    with Image.open(source) as image:
+        every = -(-getattr(image, "n_frames", 1) // most)
+        frames = [frame.convert("RGBA") for frame in ImageSequence.Iterator(image)][::every]
+        film = {"duration": every * image.info.get("duration", 0), "loop": 0, "save_all": True}
+    frames = [shown(frame, part) for frame in frames]
+    for frame in frames:
+        frame.thumbnail((width, frame.height), Image.Resampling.LANCZOS)
+    method = Image.Quantize.MAXCOVERAGE
+    palette = frames[len(frames) // 2].quantize(COLOURS[target.suffix], method, kmeans=3)
+    few = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in frames]
+    target.parent.mkdir(parents=True, exist_ok=True)
+    film = {**film, "append_images": few[1:]} if target.suffix == ".gif" else {}
+    few[0].save(target, optimize=True, **film)
+
+
+def shown(frame: Image.Image, part: tuple[float, ...]) -> Image.Image:
+    """Return a frame on white, or a part of it, filled up to the shape of a card."""
+    white = Image.alpha_composite(Image.new("RGBA", frame.size, "white"), frame).convert("RGB")
+    if not part:
+        return white
+    left, top, width = (
+        share * size for share, size in zip(part, (*frame.size, frame.width), strict=True)
+    )
+    bottom = min(frame.height, top + width * CARD[1] / CARD[0])
+    cut = white.crop([round(edge) for edge in (left, top, left + width, bottom)])
+    return ImageOps.pad(cut, CARD, Image.Resampling.LANCZOS, color="white")

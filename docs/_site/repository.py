@@ -1,25 +1,24 @@
 """Links between Markdown pages, which lead to files of the repository, as links of the site.
 
 A page keeps reading well on a code host: there a link leads to the file. Here it leads to the page
-that the file became: a guide, a tutorial that was executed, or a page that shows the source.
+that the file became, or to the file on the code host.
 """
 
 import os.path
 import re
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
-LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<target>[^)#:\s]+)(?P<anchor>#[^)\s]*)?\)")
-IMAGE = re.compile(r"(?P<text>!\[[^\]]*\])\((?P<target>[^):\s]+)\)")
-LANGUAGES = {".py": "python", ".yaml": "yaml", ".toml": "toml"}
+from . import DOCS, ROOT, page, write
+
+LINK = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#:\s]+)(?P<anchor>#[^)\s]*)?\)")
+SHOWN = ("*.md", "benchmarks/*.md", "packages/*/docs/*.md")
+"""Pages of the site that lie outside docs."""
 
 
 def addresses() -> dict[str, str]:
     """Return the addresses of the project: Documentation, Source and others."""
-    settings: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     urls: dict[str, str] = settings["project"]["urls"]
     return urls
 
@@ -31,23 +30,23 @@ def document(file: Path) -> str | None:
     ----------
     file : relative to the repository.
     """
-    if file == Path("README.md"):
-        return "index"
-    if file in (Path("examples"), Path("docs/tutorials"), Path("docs/gallery")):
-        return f"auto/{file.name}/index" if file.name != "examples" else "examples"
-    if not (ROOT / file).is_file():
+    folder, name = file.parent, file.stem
+    if file in (Path("docs/tutorials"), Path("docs/gallery")):
+        return f"auto/{name}/index"
+    if folder in (Path("docs/tutorials"), Path("docs/gallery"), Path("examples")):
+        return f"auto/{folder.name}/{name}" if file.suffix == ".py" else None
+    if file.suffix != ".md":
         return None
-    if file.parent in (Path("docs/tutorials"), Path("docs/gallery")):
-        return f"auto/{file.parent.name}/{file.stem}"
-    if file.parts[0] == "docs" and file.suffix == ".md":
-        return file.relative_to("docs").with_suffix("").as_posix()
+    if folder == Path("docs") or file == Path("README.md"):
+        return "index" if name == "README" else name
     if file.match("packages/*/docs/*.md"):
-        return f"auto/packages/{file.stem}"
-    return f"auto/repository/{file.with_suffix('').as_posix()}"
+        return f"auto/packages/{name}"
+    shown = any(file == Path(one.relative_to(ROOT)) for kind in SHOWN for one in ROOT.glob(kind))
+    return f"auto/repository/{file.with_suffix('')}" if shown else None
 
 
 def linked(text: str, home: Path, page: str) -> str:
-    """Return Markdown with its links to files turned into links between pages.
+    """Return Markdown with its links to files turned into links of the site.
 
     Parameters
     ----------
@@ -58,76 +57,31 @@ def linked(text: str, home: Path, page: str) -> str:
 
     def leading(match: re.Match[str]) -> str:
         file = Path(os.path.normpath(home / match["target"]))
-        name = document(file)
-        if name is None:
-            return match["text"]
-        suffix = ".md" if name in ("index", "examples") or file.suffix == ".md" else ".rst"
-        target = os.path.relpath(f"{name}{suffix}", Path(page).parent)
-        text = "" if match["text"].endswith(".md") else match["text"]  # then its title is shown
-        return f"[{text}]({target}{match['anchor'] or ''})"
+        name, up = document(file), Path(page).parent
+        if not (ROOT / file).exists():
+            return match[0]
+        if file.suffix in (".png", ".gif", ".svg"):
+            target = os.path.relpath(ROOT / file, DOCS / up)
+        elif name is None:
+            target = f"{addresses()['Source']}/blob/main/{file}"
+        else:
+            kind = ".md" if file.suffix == ".md" else ".rst"
+            target = os.path.relpath(f"{name}{kind}", up)
+        shown = "" if name and match["text"].endswith(".md") else match["text"]  # then the title
+        return f"[{shown}]({target}{match['anchor'] or ''})"
 
-    def shown(match: re.Match[str]) -> str:
-        file = os.path.normpath(home / match["target"])
-        return f"{match['text']}({os.path.relpath(file, Path('docs') / Path(page).parent)})"
-
-    parts = re.split(r"(^```.*?^```$)", text, flags=re.DOTALL | re.MULTILINE)
-    return "".join(
-        p if i % 2 else IMAGE.sub(shown, LINK.sub(leading, p)) for i, p in enumerate(parts)
-    )
+    return LINK.sub(leading, text)
 
 
-def files_linked(pages: Iterable[Path]) -> set[Path]:
-    """Return the files outside docs/ that the pages lead to, relative to the repository."""
-    found = set()
-    for page in pages:
-        for match in LINK.finditer(page.read_text(encoding="utf-8")):
-            file = Path(os.path.normpath(page.parent.relative_to(ROOT) / match["target"]))
-            name = document(file)
-            if name and name.startswith(("auto/repository/", "auto/packages/")):
-                found.add(file)
-    return found
-
-
-def write(folder: Path, pages: list[Path]) -> None:
-    """Write a page for each file of the repository that a page leads to, and for all examples."""
-    wanted = files_linked(pages)
-    wanted |= {path.relative_to(ROOT) for path in (ROOT / "examples").glob("*.py")}
-    more = [ROOT / file for file in wanted if file.suffix == ".md"]
-    wanted |= files_linked(more)
-    for file in wanted:
-        name = document(file)
-        assert name is not None
-        path = folder / Path(name).relative_to("auto")
-        path = path.with_name(path.name + (".md" if file.suffix == ".md" else ".rst"))
-        text = page_of(file, name)
-        if not path.exists() or path.read_text(encoding="utf-8") != text:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-
-
-def forget(folder: Path) -> None:
-    """Remove the pages of tutorials and pictures whose script is gone."""
-    for built in (folder / "tutorials", folder / "gallery"):
-        scripts = {path.stem for path in (folder.parent / built.name).glob("*.py")}
-        for page in built.glob("*.rst"):
-            if page.stem not in scripts | {"index", "sg_execution_times"}:
-                page.unlink()
-
-
-def page_of(file: Path, name: str) -> str:
-    """Return the source of the page that shows a file."""
-    if file.suffix == ".md":
-        text = (ROOT / file).read_text(encoding="utf-8")
-        return linked(text, file.parent, name)
-    title = file.as_posix()
-    up = "../" * (len(Path(name).parts) - 1) + "../"
-    language = LANGUAGES.get(file.suffix, "text")
-    lines = [":orphan:", "", title, "=" * len(title), ""]
-    if file.parent == Path("examples"):
-        lines += [f":download:`Download the script <{up}{title}>`", ""]
-        lines += [f".. image:: /auto/examples/{file.stem}.png", "   :alt: what the script draws",
-                  "   :width: 80%", "", "It prints:", "",
-                  f".. literalinclude:: /auto/examples/{file.stem}.txt", "   :language: text", "",
-                  ".. rubric:: The script", ""]  # fmt: skip
-    lines += [f".. literalinclude:: {up}{title}", f"   :language: {language}", ""]
-    return "\n".join(lines)
+def write_pages() -> None:
+    """Write the pages of Markdown files outside docs, and of examples."""
+    for kind in SHOWN:
+        for path in ROOT.glob(kind):
+            file = path.relative_to(ROOT)
+            place = DOCS / f"{document(file)}.md"
+            if place.parent != DOCS:
+                text = linked(path.read_text(encoding="utf-8"), file.parent, f"{document(file)}")
+                write(place.parent, {place.name: f"---\norphan: true\n---\n\n{text}"}, place.name)
+    names = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
+    texts = {f"{name}.rst": page("example", f"examples/{name}.py", name=name) for name in names}
+    write(DOCS / "auto" / "examples", texts, "*.rst")

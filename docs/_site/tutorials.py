@@ -6,11 +6,10 @@
 import json
 import re
 from pathlib import Path
-from typing import Any
 
+from . import DOCS, write
 from .repository import addresses
 
-DOCS = Path(__file__).resolve().parents[1]
 INSTALLATION = "%pip install -q wideberth"
 """The first cell of a notebook, for a machine that has none of it."""
 COLAB = "https://colab.research.google.com/github"
@@ -29,11 +28,12 @@ def with_notebook(page: str, name: str) -> str:
     page : as sphinx-gallery wrote it.
     name : of the tutorial, without its ending.
     """
-    repository = addresses()["Source"].removeprefix("https://github.com/")
-    colab = f"{COLAB}/{repository}/blob/main/docs/notebooks/{name}.ipynb"
+    place = addresses()["Source"].removeprefix("https://github.com/")
+    colab = f"{COLAB}/{place}/blob/main/docs/notebooks/{name}.ipynb"
     links = f"`Open this page as a notebook in Colab <{colab}>`_, or "
     links += f":download:`download the notebook </notebooks/{name}.ipynb>`; "
-    changed, count = NOTE.subn(f"{links}its first cell installs what it needs.", page)
+    links += "its first cell installs what it needs."
+    changed, count = NOTE.subn(links, page)
     assert count == 1, f"{name}: sphinx-gallery writes its links in another way"
     return changed
 
@@ -50,7 +50,7 @@ def notebook(script: Path) -> str:
         for block in blocks
     ]
     settings = {**DEFAULT_GALLERY_CONF, "first_notebook_cell": INSTALLATION}
-    made: dict[str, Any] = jupyter_notebook(linked, settings, str(script.parent))
+    made = jupyter_notebook(linked, settings, str(script.parent))
     del made["metadata"]["language_info"]  # names the version of this Python
     for cell in made["cells"]:
         cell["source"] = "".join(cell["source"]).splitlines(keepends=True)
@@ -69,9 +69,7 @@ def with_links(text: str) -> str:
     return NAME.sub(r"``\g<name>``", PAGE.sub(link, text))
 
 
-def write() -> None:
+def write_notebooks() -> None:
     """Write the notebooks of all tutorials."""
-    folder = DOCS / "notebooks"
-    folder.mkdir(exist_ok=True)
-    for script in sorted((DOCS / "tutorials").glob("*.py")):
-        (folder / f"{script.stem}.ipynb").write_text(notebook(script), encoding="utf-8")
+    scripts = sorted((DOCS / "tutorials").glob("*.py"))
+    write(DOCS / "notebooks", {f"{one.stem}.ipynb": notebook(one) for one in scripts})

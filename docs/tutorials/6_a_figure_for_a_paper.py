@@ -111,5 +111,5 @@ episode.animate(rate=5.0)
 
 # %%
 # The folder holds the config with every default, versions and commit, and the measured values, so that another person
-# gets the same bytes. ``wideberth report caution`` makes one HTML page of it, and ``wideberth cite
+# gets the same bytes. ``wideberth report caution`` writes its tables and pictures as Markdown, and ``wideberth cite
 # caution.yaml`` prints what to cite.

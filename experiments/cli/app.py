@@ -24,7 +24,6 @@ from .options import Config, KeptEpisode, Plugins, Set, kept_episodes, reading, 
 
 if TYPE_CHECKING:
     from ..engine.base import Experiment
-    from ..engine.dask_pool import Scheduler
 
 app: typer.Typer = typer.Typer(
     cls=CommandGroup,
@@ -46,9 +45,6 @@ SchedulerAddress = Annotated[
     str | None,
     Option(help="tcp://HOST:PORT or tls://HOST:PORT of a Dask cluster that does the work."),
 ]
-TlsCa = Annotated[Path | None, Option(help="PEM file: who signs the cluster's certificates.")]
-TlsCert = Annotated[Path | None, Option(help="PEM file: our certificate for the cluster.")]
-TlsKey = Annotated[Path | None, Option(help="PEM file: its key, if not in the same file.")]
 Parquet = Annotated[bool, Option("--parquet", help="Write table.parquet beside table.csv.")]
 
 
@@ -80,28 +76,23 @@ def run(
     fresh: Fresh = False,
     no_figures: Annotated[bool, Option("--no-figures", help="Table only.")] = False,
     scheduler: SchedulerAddress = None,
-    tls_ca: TlsCa = None,
-    tls_cert: TlsCert = None,
-    tls_key: TlsKey = None,
     parquet: Parquet = False,
     watch: Annotated[bool, Option("--watch", help="Show episodes in a window.")] = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
     from ..engine import parquet_table
-    from ..engine.dask_pool import reached
     from ..engine.progress import working
     from ..engine.shipped_configs import config_path, read_experiment
 
     if parquet:
         parquet_table.need_parquet()
-    cluster = reached(scheduler, tls_ca, tls_cert, tls_key)
     with working("reading the config"):
         experiment, plugins = read_experiment(config, set_ or [])
     if out is None:
         out = result_place(config_path(config).stem, quick)
     out = expanded(out)
     with _window(workers, scheduler) if watch else nullcontext():
-        _run(experiment, out, workers, quick, plugins, fresh, not no_figures, cluster, parquet)
+        _run(experiment, out, workers, quick, plugins, fresh, not no_figures, scheduler, parquet)
 
 
 def _window(workers: int, scheduler: str | None) -> "AbstractContextManager[None]":
@@ -127,14 +118,14 @@ def _run(
     plugins: list[str],
     fresh: bool,
     figures: bool = True,
-    cluster: "Scheduler | None" = None,
+    scheduler: str | None = None,
     parquet: bool = False,
 ) -> None:
     from ..engine import parquet_table, runner
     from ..engine.progress import working
 
     try:
-        runner.run(experiment, out, workers, quick, plugins, fresh, cluster)
+        runner.run(experiment, out, workers, quick, plugins, fresh, scheduler)
     except KeyboardInterrupt as stop:
         raise WideberthError(str(stop) or f"stopped; nothing of {out} is half-written") from None
     if parquet:
@@ -509,14 +500,9 @@ def _mean_config(word: str) -> None:
     from ..engine.shipped_configs import shipped
     from .describing import is_config_room
 
-    if is_config_room(word):
-        raise WideberthError(
-            "`wideberth show config NAME` prints a shipped config; none was named"
-        )
-    if word == COLUMN:
-        raise WideberthError(
-            "`wideberth show column NAME` says what a column means; none was named"
-        )
+    if is_config_room(word) or word == COLUMN:
+        does = "says what a column means" if word == COLUMN else "prints a shipped config"
+        raise WideberthError(f"`wideberth show {word} NAME` {does}; none was named")
     if word in shipped():
         raise WideberthError(
             f"{result_folder(word)} holds no result; `wideberth run {word}` makes one, and "
@@ -533,8 +519,8 @@ def explain(
     plugins: Plugins = None,
 ) -> None:
     """Say why a recorded solve failed or was slow, and solve it again."""
-    from ...framework.mpc.diagnosis.explain import compared
-    from ...framework.mpc.diagnosis.solve_record import read_solve
+    from ...controllers.diagnosis.explain import compared
+    from ...controllers.diagnosis.solve_record import read_solve
     from ..engine.progress import working
 
     for number, path in enumerate(_solves(target)):
@@ -659,19 +645,18 @@ def report(
         list[str], Argument(help="Folders of results, or the names of their configs.")
     ],
     out: Annotated[
-        Path, Option(help="HTML file; the Markdown tables are written beside it.")
-    ] = Path("report.html"),
+        Path, Option(help="Markdown file; its pictures are those of the results.")
+    ] = Path("report.md"),
     plugins: Plugins = None,
 ) -> None:
-    """Write results as one page that needs nothing else, and as Markdown tables."""
+    """Write claims, tables and pictures of results as Markdown."""
     from ..engine.progress import working
     from ..report.document import report as write
 
     folders = [Path(name) if Path(name).exists() else result_folder(name) for name in results]
     with working("writing the report"):
-        written = write(folders, expanded(out))
-    for path in written:
-        typer.echo(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB)")
+        path = write(folders, expanded(out))
+    typer.echo(f"written: {path}")
 
 
 @app.command(no_args_is_help=True)

@@ -18,10 +18,10 @@ from ...framework.plugins.registry import (
 )
 from ...framework.plugins.yamlfile import apply, read_config
 from ...framework.predictor import Fittable, Predictor
-from ...framework.tracking.recordings import Recording, is_bag
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.tracks import Tracks
+from ...predictors.data.recordings import Recording, is_bag
 from ..engine.errors import describe_error
 from ..engine.provenance import parts
 from ..studies.crowd import TrackFile, seconds

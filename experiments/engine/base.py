@@ -63,18 +63,6 @@ class Experiment(ABC):
     reference: ClassVar[str] = ""
     """BibTeX key, or several separated by commas."""
 
-    growing: ClassVar[tuple[str, ...]] = ()
-    """Fields whose larger value adds tasks, as ``("seeds",)``: a result with a smaller value is
-    then extended. `measure` must not depend on them, only on its task. A task that the larger
-    value changes, as a last block that was not full, is another one and is measured anew."""
-
-    captions: ClassVar[Mapping[str, str]] = {}
-    """Name of a figure, or a pattern as in ``run_*`` -> the sentence below it. The first one that
-    was drawn leads a report."""
-
-    headline: ClassVar[tuple[str, ...]] = ()
-    """Three columns of the summary that lead a report; its first numbers where none is named."""
-
     printed: ClassVar[tuple[str, ...]] = ()
     """Columns of the summary that answer the question, printed behind those that name a line, see
     `wideberth.experiments.engine.text_tables.main_columns`; those that differ between the lines

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ...controllers.reactive import Reactive
+from ...controllers.recommended import slow_aside
 from ...framework.controller import Controller, fresh
 from ...framework.mpc.planner.planner import planner_behind
-from ...framework.mpc.planner.recommended import slow_aside
 from ...framework.mpc.planner.standing import misfit
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array

@@ -1,6 +1,6 @@
 """What a column means: the tables of docs/results.md and docs/metrics.md, which the wheel holds.
 
-These pages are the one source; a report shows their sentences at its columns.
+These pages are the one source; `wideberth show column` prints their sentences.
 """
 
 import re
@@ -16,22 +16,6 @@ from .text_tables import UNKNOWN, column_named
 
 PAGES = Path(__file__).resolve().parents[2] / "docs"
 """Folder of the pages."""
-
-
-@dataclass(frozen=True)
-class ColumnDescription:
-    """What a column means.
-
-    Attributes
-    ----------
-    text : a sentence without a full stop; plain text.
-    group : heading of the table that defines the column.
-    share : whether the column holds shares, contents or probabilities, from 0 to 1.
-    """
-
-    text: str
-    group: str
-    share: bool = False
 
 
 _SHARE = re.compile(
@@ -50,34 +34,27 @@ class _Table:
     columns: dict[str, str]
 
 
-def column_descriptions(study: str, columns: Sequence[str]) -> dict[str, ColumnDescription]:
-    """Return what the columns of a study's summary mean; those that no page defines are absent.
+def column_texts(study: str) -> dict[str, str]:
+    """Return column -> what it means in the tables of a study, by its registered name.
 
     The last definition counts: a page defines the columns of the table first, then those of the
-    summary, which may condense a column of the same name. Bounds of an interval are shares where
-    the quantity is one.
-
-    Parameters
-    ----------
-    study : registered name of the experiment.
-    columns : names as in the table.
+    summary, which may condense a column of the same name.
     """
     common = [table for table in _tables() if not table.studies]
     own = [table for table in _tables() if study in table.studies]
-    last = {name: table for table in (*common, *own) for name in table.columns}
-    found = {}
-    for column in columns:
-        if table := last.get(column):
-            text, bounded = table.columns[column], _BOUND.sub("", column)
-            of = last[bounded].columns[bounded] if bounded in last else text
-            found[column] = ColumnDescription(text, table.group, _SHARE.match(of) is not None)
-    return found
+    return {name: text for table in (*common, *own) for name, text in table.columns.items()}
 
 
 def shares(study: str, columns: Sequence[str]) -> frozenset[str]:
-    """Return those columns of a study's tables that hold shares, by what the pages say of them."""
+    """Return those columns of a study's tables that hold shares, by what the pages say of them.
+
+    Bounds of an interval are shares where the quantity is one.
+    """
+    texts = column_texts(study)
     return frozenset(
-        name for name, one in column_descriptions(study, columns).items() if one.share
+        name
+        for name in columns
+        if name in texts and _SHARE.match(texts.get(_BOUND.sub("", name), texts[name]))
     )
 
 

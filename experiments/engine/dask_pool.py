@@ -8,8 +8,6 @@ import logging
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from re import fullmatch
 from time import monotonic
 from typing import Any
@@ -25,85 +23,8 @@ _PATIENCE = 8.0
 """s to wait for a scheduler to answer."""
 
 
-@dataclass(frozen=True)
-class Scheduler:
-    """Where the scheduler of a Dask cluster is, and with what to prove who we are.
-
-    Parameters
-    ----------
-    address : ``tcp://HOST:PORT``, or ``tls://HOST:PORT``.
-    ca : file of the certificates (PEM) that scheduler and workers are to be signed by.
-    cert : file of our own certificate (PEM).
-    key : file of its key (PEM), where it is not in the same file.
-
-    Without ca, cert and key Dask's own config is used (``distributed.comm.tls``).
-
-    Raises
-    ------
-    WideberthError : another kind of address, a file that is not there, ca without cert or the
-        other way round.
-    """
-
-    address: str
-    ca: Path | None = None
-    cert: Path | None = None
-    key: Path | None = None
-
-    def __post_init__(self) -> None:
-        if not fullmatch(r"(tcp|tls)://[^/]+:[0-9]+", self.address):
-            raise WideberthError(
-                f"scheduler is {self.address!r}; wanted tcp://HOST:PORT or tls://HOST:PORT"
-            )
-        files = {"ca": self.ca, "cert": self.cert, "key": self.key}
-        given = [name for name, file in files.items() if file is not None]
-        if given and not self.address.startswith("tls://"):
-            raise WideberthError(f"tls {given[0]} is of no use with {self.address}; use tls://")
-        if given and (self.ca is None or self.cert is None):
-            raise WideberthError(f"of the TLS files there is only {given}; wanted ca and cert")
-        for name, file in files.items():
-            if file is not None and not file.is_file():
-                raise WideberthError(f"tls {name}: there is no file {file}")
-
-    def security(self) -> Any:
-        """Return the ``Security`` that Dask wants; None for a connection in the clear.
-
-        Raises
-        ------
-        WideberthError : no TLS files are named, or they hold no certificate and key.
-        """
-        from distributed import Security
-
-        if not self.address.startswith("tls://"):
-            return None
-        files = {"tls_ca_file": self.ca, "tls_client_cert": self.cert, "tls_client_key": self.key}
-        given = {name: str(file) for name, file in files.items() if file is not None}
-        security: Any = Security
-        try:
-            made = security(require_encryption=True, **given)
-            ready = made.get_connection_args("client")["ssl_context"] is not None
-        except (OSError, ValueError) as error:
-            raise WideberthError(f"the TLS files are of no use: {error}") from None
-        if not ready or made.tls_client_cert is None:
-            raise WideberthError(
-                f"{self.address} wants certificates: name them with --tls-ca, --tls-cert and "
-                "--tls-key, or in Dask's own config (distributed.comm.tls)"
-            )
-        return made
-
-
-def reached(
-    address: str | None, ca: Path | None = None, cert: Path | None = None, key: Path | None = None
-) -> Scheduler | None:
-    """Return the scheduler that options of the command line name, if they name one."""
-    if address is not None:
-        return Scheduler(address, ca, cert, key)
-    if ca or cert or key:
-        raise WideberthError("TLS files are of use with --scheduler tls://HOST:PORT only")
-    return None
-
-
-_TALKATIVE = ("distributed.client", "distributed.batched")
-"""Loggers of Dask that tell of lost workers and schedulers, as we do in a line."""
+_TALKATIVE = ("distributed.client", "distributed.batched", "tornado.application")
+"""Loggers of Dask that write of lost workers and schedulers, as we do in a line."""
 
 
 class Cluster:
@@ -113,17 +34,17 @@ class Cluster:
 
     Raises
     ------
-    WideberthError : the extra is missing, the scheduler does not answer or is lost later, or a
-        worker has another environment than the driver.
+    WideberthError : another kind of address, the extra is missing, the scheduler does not answer
+        or is lost later, or a worker has another environment than the driver.
     """
 
     patience = 2  # Dask itself has tried elsewhere, as often as its allowed-failures says
 
-    def __init__(self, scheduler: Scheduler, job: bytes) -> None:
-        self._address = scheduler.address
+    def __init__(self, address: str, job: bytes) -> None:
+        self._address = address
         self._job = job
         self._slots, self._looked, self._alone = 0, -LOOK, False
-        self._client: Any = _connect(scheduler)
+        self._client: Any = _connect(address)
         self._executor = self._client.get_executor(pure=False)
         logs = [logging.getLogger(name) for name in _TALKATIVE]
         self._levels = [(log, log.level) for log in logs]
@@ -197,17 +118,19 @@ class Cluster:
             log.setLevel(level)
 
 
-def _connect(scheduler: Scheduler) -> Any:
+def _connect(address: str) -> Any:
+    """Return Dask's client of a scheduler; of one with TLS Dask's own config has the files."""
+    if not fullmatch(r"(tcp|tls)://[^/]+:[0-9]+", address):
+        raise WideberthError(
+            f"scheduler is {address!r}; wanted tcp://HOST:PORT or tls://HOST:PORT"
+        )
     everywhere = "the workers need it too"
     client = from_extra("distributed", "cluster", "a scheduler needs Dask", everywhere).Client
-    security = scheduler.security()
     try:
-        return client(
-            scheduler.address, timeout=_PATIENCE, security=security, set_as_default=False
-        )
-    except (OSError, TimeoutError) as error:
+        return client(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, TypeError) as error:  # the last one without certificates
         why = " ".join(str(error).split()) or type(error).__name__
         raise WideberthError(
-            f"no scheduler answers at {scheduler.address} ({why}); nothing was begun: see that "
-            "it runs and can be reached from here"
+            f"no scheduler answers at {address} ({why}); nothing was begun: see that it runs and "
+            "can be reached from here, and for tls:// that Dask's config names the certificates"
         ) from None

@@ -97,7 +97,7 @@ def of_rows(study: str, rows: Sequence[Row], columns: Sequence[str]) -> Extract:
 
 def study_of(folder: Path) -> str:
     """Return the registered name of a result's study."""
-    return str(read_config(inside(folder, "config.yaml"), stored=True).get("type", ""))
+    return str(read_config(inside(folder, "config.yaml")).get("type", ""))
 
 
 _END = re.compile(r"_(low|high)(?=(_[a-z]+)?$)")

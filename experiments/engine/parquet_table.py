@@ -56,11 +56,7 @@ def write_parquet(folder: Path) -> Path:
 def _column(values: Sequence[Any]) -> "pyarrow.Array[Any]":
     import pyarrow
 
-    kinds = {type(value) for value in values if value is not None}
-    if kinds <= {int, float} and float in kinds:
-        return pyarrow.array(values, pyarrow.float64())
-    if len(kinds) < 2 and not any(kind is int for kind in kinds):
+    try:
         return pyarrow.array(values)
-    if kinds == {int} and all(-(2**63) <= value < 2**63 for value in values if value is not None):
-        return pyarrow.array(values, pyarrow.int64())
-    return pyarrow.array([None if value is None else str(value) for value in values])
+    except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError, OverflowError):
+        return pyarrow.array([None if value is None else str(value) for value in values])

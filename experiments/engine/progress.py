@@ -3,10 +3,9 @@
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -50,6 +49,7 @@ class _Display:
         self.bar: Progress = Progress(
             *columns, TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
             disable=not self.terminal, transient=True, redirect_stdout=False,
+            speed_estimate_period=3600.0,
         )  # fmt: skip
         self.text: str = text
         self.task: TaskID = self.bar.add_task(text, **task)
@@ -84,62 +84,23 @@ def progress(total: int, done: int = 0) -> Iterator[Callable[[], None]]:
     total : tasks of the whole work.
     done : of these, by an earlier run. They count as done and say nothing about the pace.
     """
-    from rich.progress import BarColumn, SpinnerColumn
+    from rich.progress import BarColumn, SpinnerColumn, TimeRemainingColumn
 
-    first = f"{done} of {total} tasks"
-    display = _Display(first, SpinnerColumn(), BarColumn(20), total=total, completed=done)
-    ends, reported = [time.monotonic()], time.monotonic()
+    columns = SpinnerColumn(), BarColumn(20), TimeRemainingColumn()
+    display = _Display(f"{done} of {total} tasks", *columns, total=total, completed=done)
+    count, reported = done, time.monotonic()
 
     def advance() -> None:
-        nonlocal reported
-        ends.append(time.monotonic())
-        count = done + len(ends) - 1
-        left = time_left([b - a for a, b in pairwise(ends)], total - count)
-        text = display.text = f"{count} of {total} tasks{left and f', {left}'}"
+        nonlocal count, reported
+        count += 1
+        text = display.text = f"{count} of {total} tasks"
         display.bar.update(display.task, advance=1, description=text)
-        if display.shown and not display.terminal and ends[-1] > reported + _EVERY:
-            reported = ends[-1]
+        if display.shown and not display.terminal and time.monotonic() > reported + _EVERY:
+            reported = time.monotonic()
             say(text)
 
     with display:
         yield advance
-
-
-def time_left(pauses: Sequence[float], tasks: int) -> str:
-    """Estimate how long the tasks that are left take, with the range that their spread allows.
-
-    The pauses between the ends of tasks count as independent draws. Their mean gives the time
-    left; two standard deviations of the sum of those to come, the mean's own error included, give
-    the range. Less than a second is not worth a word.
-
-    Parameters
-    ----------
-    pauses : s between the ends of the tasks that are done.
-    tasks : that are left.
-
-    Examples
-    --------
-    >>> time_left([3.0, 5.0, 4.0], 37), time_left([3.0], 2), time_left([], 5)
-    ('about 2 min left (2 to 3)', 'about 6 s left', '')
-    >>> time_left([1.0, 30.0, 2.0, 40.0], 100)
-    'about 30 min left (0 to 64)'
-    """
-    if not pauses or not tasks:
-        return ""
-    count = len(pauses)
-    mean = sum(pauses) / count
-    if mean * tasks < 1.0:
-        return ""
-    about = f"about {span(mean * tasks)} left"
-    if count < 3:
-        return about
-    variance = sum((pause - mean) ** 2 for pause in pauses) / (count - 1)
-    spread = 2.0 * (variance * tasks * (1.0 + tasks / count)) ** 0.5
-    least, most = (max(mean * tasks + side, 0.0) for side in (-spread, spread))
-    if " h " in about:
-        return f"{about} ({span(least)} to {span(most)})"
-    unit = 60.0 if " min " in about else 1.0
-    return f"{about} ({least / unit:.0f} to {most / unit:.0f})"
 
 
 def working(what: str) -> AbstractContextManager[None]:
@@ -147,20 +108,6 @@ def working(what: str) -> AbstractContextManager[None]:
     from rich.progress import SpinnerColumn
 
     return _Display(f"{what} ...", SpinnerColumn(), total=None)
-
-
-def span(seconds: float) -> str:
-    """Write a time for reading.
-
-    Examples
-    --------
-    >>> span(42.3), span(600.0), span(7380.0)
-    ('42 s', '10 min', '2 h 3 min')
-    """
-    minutes = round(seconds / 60.0)
-    if minutes < 2:
-        return f"{seconds:.0f} s"
-    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60} min"
 
 
 def say(text: str) -> None:

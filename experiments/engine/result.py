@@ -78,7 +78,7 @@ class Result:
     @property
     def config(self) -> dict[str, Any]:
         """The resolved config of the run."""
-        return read_config(inside(self.folder, "config.yaml"), stored=True)
+        return read_config(inside(self.folder, "config.yaml"))
 
     @property
     def tables(self) -> "FilesByName[pandas.DataFrame]":

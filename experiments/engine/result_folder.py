@@ -3,8 +3,8 @@
 A folder is written into if it is new or empty, or if its provenance.json is one of ours and its
 config.yaml that of the same result, begun before. What belongs to the runs is known from the
 folder itself: `NAMES`, the folders of tasks, the files that these name, and the figures that
-``tasks/figures.json`` names. Nothing else is ever removed, and no other figure or file of a task
-is overwritten.
+``tasks/figures.json`` names. Nothing else is ever removed, and no other file is overwritten by one
+of a task.
 """
 
 import os
@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.config import build, describe
-from ...framework.plugins.io import flush, read_json, write_json, write_text
-from ...framework.plugins.yamlfile import STORED, dump, parse, read_config
+from ...framework.plugins.io import read_json, write_json, write_text
+from ...framework.plugins.yamlfile import dump, parse, read_config
 from ...framework.values.errors import WideberthError
-from .file_lock import file_lock
 from .inside import files_inside, inside, is_inside
 from .progress import say
-from .tasks import TASKS, read_task, seal, task_folders
+from .tasks import TASKS, flush, read_task, task_folders
 
 CONFIG, PROVENANCE = "config.yaml", "provenance.json"
 TABLES = ("table.csv", "times.csv", "summary.csv", "summary.md", "table.parquet")
@@ -113,36 +112,31 @@ def locked(out: Path) -> Iterator[None]:
     ------
     WideberthError : another run is at work there, or it cannot be written.
     """
+    import filelock
+
     with ExitStack() as held:
         try:
             lock = inside(out, f"{TASKS}/{LOCK}")
             lock.parent.mkdir(parents=True, exist_ok=True)
-            held.enter_context(file_lock(lock))
-        except BlockingIOError:
+            held.enter_context(filelock.FileLock(lock, timeout=0))
+        except filelock.Timeout:
             raise WideberthError(
                 f"another run is at work in {out}; let it finish, stop it, or give another "
                 "folder with --out"
             ) from None
+        except NotImplementedError:  # a disk without locks
+            pass
         except OSError as error:
             raise _unwritable(out, error) from None
         yield
 
 
 def prepare(
-    out: Path,
-    config: Mapping[str, Any],
-    origin: Mapping[str, Any],
-    growing: Collection[str] = (),
-    fresh: bool = False,
-) -> bool:
+    out: Path, config: Mapping[str, Any], origin: Mapping[str, Any], fresh: bool = False
+) -> None:
     """Begin a result in a folder that is `locked`, or check the one that it holds.
 
-    With ``fresh`` `remove_result` removes the files of an earlier result first. A result of the
-    same config but for smaller values of what may grow becomes an unfinished one of this config.
-
-    Returns
-    -------
-    Whether an earlier result is extended.
+    With ``fresh`` `remove_result` removes the files of an earlier result first.
     """
     check_folder(out)
     if fresh:
@@ -151,41 +145,31 @@ def prepare(
     if not inside(out, CONFIG).exists() and not any(task_folders(inside(out, TASKS))):
         write_json(inside(out, PROVENANCE), "provenance", 1, origin)
         write_text(inside(out, CONFIG), dump(dict(config)))
-        return False
-    extended = is_smaller(out, config, str(origin["source"]), growing)
-    if extended:
-        remove_files(out, _derived(out))  # first the table that says that the run is complete
-        write_text(inside(out, CONFIG), dump(dict(config)))
-    return extended
+    else:
+        check_same(out, config, origin)
 
 
-def is_smaller(
-    out: Path, config: Mapping[str, Any], source: str, growing: Collection[str] = ()
-) -> bool:
-    """Whether a folder's result is of the same config, but for smaller values of ``growing``.
+def check_same(out: Path, config: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
+    """Refuse a folder whose result is that of another config, source code or data.
 
     Raises
     ------
-    WideberthError : it is that of another config, source code or data, or cannot be read.
+    WideberthError : it is, or it cannot be read.
     """
     if not inside(out, CONFIG).is_file():
         raise WideberthError(f"{out} holds a result without its {CONFIG}; {CURE}")
-    origin = inside(out, PROVENANCE)
+    place = inside(out, PROVENANCE)
     try:
-        found = read_config(inside(out, CONFIG), stored=True)
-        stored = read_json(origin, "provenance", 1)
+        found = read_config(inside(out, CONFIG))
+        stored = read_json(place, "provenance", 1)
     except WideberthError as error:
         raise WideberthError(f"{error}; {CURE}") from None
-    names = differing_keys(found, config)
-    numbers = [(found.get(name), config.get(name)) for name in names]
-    grown = all(type(old) is int and type(new) is int and old < new for old, new in numbers)
-    if not grown or not set(names) <= set(growing):
+    if names := differing_keys(found, config):
         raise WideberthError(
             f"{out} holds the result of another config (it differs in {', '.join(names)}); {CURE}"
         )
-    if stored.get("source") != source:
+    if stored.get("source") != origin["source"]:
         raise WideberthError(f"{out} was measured by other source code or data; {CURE}")
-    return bool(names)
 
 
 def differing_keys(found: Mapping[str, Any], config: Mapping[str, Any]) -> list[str]:
@@ -203,7 +187,7 @@ def check_config(config: Mapping[str, Any]) -> None:
     """
     text = dump(dict(config))
     try:
-        found = parse(text, CONFIG, STORED)
+        found = parse(text, CONFIG)
         plugins = found.pop("plugins")
         again = {**describe(build("experiments", found)), "plugins": plugins}
     except (WideberthError, KeyError) as error:
@@ -216,29 +200,11 @@ def check_config(config: Mapping[str, Any]) -> None:
         )
 
 
-def claim_figures(out: Path, names: Iterable[str]) -> None:
-    """Note the names of figures that are about to be written, relative to the folder.
-
-    Raises
-    ------
-    WideberthError : a file of this name is there already and was not drawn, or its place is a
-        symbolic link.
-    """
-    names, drawn = set(names), set(_drawn(out))
-    for name in sorted(names):
-        refuse_overwriting(inside(out, name), name in drawn)
+def note_figures(out: Path, names: Iterable[str]) -> None:
+    """Note the names of figures that are about to be written, relative to the folder."""
+    drawn = _drawn(out)
     inside(out, TASKS).mkdir(exist_ok=True)
-    if not names <= drawn:
-        write_json(inside(out, FIGURES), "figures", 1, {"files": sorted(names | drawn)})
-
-
-def refuse_overwriting(path: Path, ours: bool = False) -> None:
-    """Refuse to write over a file that no run wrote."""
-    if not ours and os.path.lexists(path):
-        raise WideberthError(
-            f"{path} was not written by this package and is not overwritten; move it away "
-            "and run the same command again"
-        )
+    write_json(inside(out, FIGURES), "figures", 1, {"files": sorted({*names, *drawn})})
 
 
 def _drawn(out: Path) -> list[str]:
@@ -252,11 +218,6 @@ def _drawn(out: Path) -> list[str]:
     return names
 
 
-def _derived(out: Path) -> list[Path]:
-    """Return where tables and figures are, the table that says that the run is complete first."""
-    return [inside(out, name) for name in (*TABLES, *_drawn(out), FIGURES)]
-
-
 def own_files(out: Path) -> list[Path]:
     """Return the files in a folder that runs wrote, the config first and the provenance last.
 
@@ -267,7 +228,8 @@ def own_files(out: Path) -> list[Path]:
     tasks = [*task_folders(inside(out, TASKS))]
     moved = [path for folder in tasks for path in moved_files(out, folder)]
     left = [path for folder in tasks for path in files_inside(out, folder.relative_to(out))]
-    places = [inside(out, CONFIG), *_derived(out), *moved, *left]
+    made = [inside(out, name) for name in (*TABLES, *_drawn(out), FIGURES)]
+    places = [inside(out, CONFIG), *made, *moved, *left]
     return [*places, *half_written(out, places), inside(out, PROVENANCE)]
 
 
@@ -289,43 +251,17 @@ def moved_files(out: Path, folder: Path) -> list[Path]:
         task = read_task(folder.parent, folder.name)
     except WideberthError:  # a damaged one does not say which files it had
         return []
-    places = [file_place(out, folder.name, name) for name in (task.files if task else ())]
-    return [path for path in places if folder not in path.parents]
-
-
-def file_place(out: Path, key: str, name: str) -> Path:
-    """Return where a file of a task is: in the task's folder, or at its place in the result."""
-    path = inside(out, f"{TASKS}/{key}/files/{name}")
-    return path if path.exists() else inside(out, f"files/{name}")
+    return [
+        inside(out, f"files/{name}")
+        for name in (task.files if task else ())
+        if not inside(out, f"{TASKS}/{folder.name}/files/{name}").exists()
+    ]
 
 
 def remove_task(out: Path, folder: Path) -> None:
     """Remove the folder of a task, finished or not, and its files."""
     remove_files(out, moved_files(out, folder))
     shutil.rmtree(inside(out, folder.relative_to(out)))
-
-
-def damage(out: Path, key: str) -> str:
-    """Return why a task that is finished cannot be used, or nothing.
-
-    Raises
-    ------
-    WideberthError : a symbolic link where the task or one of its files should be.
-    """
-    files_inside(out, f"{TASKS}/{key}")
-    try:
-        task = read_task(inside(out, TASKS), key)
-    except WideberthError as error:
-        return str(error)
-    for name, stored in task.files.items() if task else ():
-        path = file_place(out, key, name)
-        if not path.is_file():
-            return f"{path} is missing"
-        if not stored:
-            return f"version 1 stored no hash of {path}"
-        if path.stat().st_size != stored.get("size") or seal(path.read_bytes()) != stored:
-            return f"{path} is not what the task wrote"
-    return ""
 
 
 def move_file(out: Path, key: str, name: str) -> None:
@@ -338,7 +274,11 @@ def move_file(out: Path, key: str, name: str) -> None:
     source, target = inside(out, f"{TASKS}/{key}/files/{name}"), inside(out, f"files/{name}")
     if not source.exists():
         return
-    refuse_overwriting(target)
+    if os.path.lexists(target):
+        raise WideberthError(
+            f"{target} was not written by this package and is not overwritten; move it away "
+            "and run the same command again"
+        )
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         source.rename(target)

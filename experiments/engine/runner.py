@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ... import __version__
 from ...framework.plugins.config import build, describe
@@ -33,12 +33,11 @@ from .result import check_finished
 from .result_folder import (
     check_config,
     check_folder,
-    claim_figures,
-    damage,
+    check_same,
     half_written,
-    is_smaller,
     locked,
     move_file,
+    note_figures,
     prepare,
     remove_files,
     remove_task,
@@ -46,9 +45,6 @@ from .result_folder import (
 from .tasks import TASKS, checked_tasks, read_task, task_folders, task_keys, write_task
 from .text_tables import columns_of
 from .worker import measured, pack_job
-
-if TYPE_CHECKING:
-    from .dask_pool import Scheduler
 
 
 @dataclass(frozen=True)
@@ -77,21 +73,20 @@ def run(
     quick: bool = False,
     plugins: Sequence[str] = (),
     fresh: bool = False,
-    scheduler: "Scheduler | None" = None,
+    scheduler: str | None = None,
 ) -> Result:
     """Run an experiment into a folder, or finish what was begun there.
 
     Parameters
     ----------
     experiment : what to measure.
-    out : folder of the result; made if missing. With the same config in it the run resumes; with
-        more of what may grow (`Experiment.growing`, as more seeds) the result is extended.
+    out : folder of the result; made if missing. With the same config in it the run resumes.
     workers : processes; the result does not depend on their number.
     quick : run the experiment's reduced copy; a line says what it leaves out.
     plugins : modules that every worker imports first.
     fresh : remove the files that an earlier run of any config wrote into the folder; others that
         lie beside them stay.
-    scheduler : of a Dask cluster, whose workers do the tasks instead.
+    scheduler : address of that of a Dask cluster, whose workers do the tasks instead.
 
     Raises
     ------
@@ -114,19 +109,18 @@ def run(
         chosen = _chosen(experiment, quick)
     with as_user_error(), working("listing the work"):
         work = _work(chosen, plugins)
-    growing, source = work.experiment.growing, str(work.origin["source"])
     table = inside(out, "table.csv")
     if table.exists() and not fresh:
-        if not is_smaller(out, work.config, source, growing):
-            return Result(out)
+        check_same(out, work.config, work.origin)
+        return Result(out)
     with as_user_error(), working("preparing the run"):
         check_config(work.config)
         work.experiment.check()
     # The pool comes before the folder: without a scheduler no old result is thrown away.
     with _pool(work, min(workers, len(work.tasks)), scheduler) as pool, locked(out):
-        extended = prepare(out, work.config, work.origin, growing, fresh)
+        prepare(out, work.config, work.origin, fresh)
         if not table.exists():
-            _measure(work, out, pool, extended)
+            _measure(work, out, pool)
             try:
                 _collect(work, out)
             except Exception as error:  # a summary may fail in any way
@@ -157,16 +151,14 @@ def _chosen(experiment: Experiment, quick: bool) -> Experiment:
 def _work(experiment: Experiment, plugins: Sequence[str]) -> _Work:
     """Resolve the config, list the tasks and record where they come from."""
     settings = describe(experiment)
-    # a field that may grow is left out: what was measured with less of it can be used
-    fixed = {name: value for name, value in settings.items() if name not in experiment.growing}
-    tasks = task_keys({**fixed, "plugins": list(plugins)}, checked_tasks(experiment.tasks()))
+    tasks = task_keys({**settings, "plugins": list(plugins)}, checked_tasks(experiment.tasks()))
     config = {**settings, "plugins": sorted({*plugins, *plugin_modules(experiment)})}
     origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
     return _Work(experiment, tuple(plugins), config, tasks, origin)
 
 
 @contextmanager
-def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> Iterator[Pool | None]:
+def _pool(work: _Work, workers: int, scheduler: str | None) -> Iterator[Pool | None]:
     """Yield the workers, ready; None means this process. They end with the block."""
     if scheduler is None and workers == 1:
         yield None
@@ -185,12 +177,10 @@ def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> Iterator[
         pool.close()
 
 
-def _measure(work: _Work, out: Path, pool: Pool | None, extended: bool) -> None:
+def _measure(work: _Work, out: Path, pool: Pool | None) -> None:
     """Do the tasks that are not finished, and write the folder of each when it is done."""
     missing = _missing(work, out)
     total, done = len(work.tasks), len(work.tasks) - len(missing)
-    if extended:
-        say(f"{out} is extended: {done} of {total} tasks are done")
     if not missing:
         return
 
@@ -235,16 +225,8 @@ def _missing(work: _Work, out: Path) -> dict[str, Task]:
     """Return the tasks that are not finished; what is left of them and of others is removed."""
     remove_files(out, half_written(out))
     for folder in task_folders(inside(out, TASKS)):
-        if folder.name not in work.tasks:  # not complete, or of a smaller result
+        if folder.name not in work.tasks:  # not complete
             remove_task(out, folder)
-    damaged = {key: reason for key in work.tasks if (reason := damage(out, key))}
-    for key in damaged:
-        remove_task(out, inside(out, f"{TASKS}/{key}"))
-    if damaged:
-        say(
-            f"{len(damaged)} of {len(work.tasks)} tasks of {out} are done again: they are damaged "
-            f"({next(iter(damaged.values()))})"
-        )
     done = {folder.name for folder in task_folders(inside(out, TASKS))}
     return {key: task for key, task in work.tasks.items() if key not in done}
 
@@ -298,7 +280,7 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
         not registered.
     """
     check_finished(folder)
-    config = read_config(inside(folder, "config.yaml"), stored=True)
+    config = read_config(inside(folder, "config.yaml"))
     modules = config.pop("plugins", None) or []
     try:
         with chdir(os.curdir):  # plug-ins may change it
@@ -343,8 +325,7 @@ def draw(folder: Path) -> list[Path]:
 
     Raises
     ------
-    WideberthError : no finished run, the figures cannot be drawn, or one would overwrite a file
-        that was not drawn; the result stays as it is.
+    WideberthError : no finished run, or the figures cannot be drawn; the result stays as it is.
     """
     experiment, result = reopen(folder)
     head = f"the result in {folder} is complete, its figures cannot be drawn: "
@@ -355,7 +336,7 @@ def draw(folder: Path) -> list[Path]:
         made = {
             path: inside(folder, "figures" / path.relative_to(drawn)) for path in written(drawn)
         }
-        claim_figures(folder, [path.relative_to(folder).as_posix() for path in made.values()])
+        note_figures(folder, [path.relative_to(folder).as_posix() for path in made.values()])
         inside(folder, "figures").mkdir(exist_ok=True)
         for path, target in made.items():
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -375,8 +356,12 @@ LONGEST = 60
 """Characters of a value in the line."""
 
 
-def left_out(whole: Mapping[str, Any], quick: Mapping[str, Any]) -> str:
+def left_out(whole: Mapping[str, Any], quick: Mapping[str, Any], place: str = "") -> str:
     """Return in one line what the config of a quick run has less than the whole one.
+
+    Parameters
+    ----------
+    whole, quick : configs, or their parts at ``place``, a dotted key.
 
     Examples
     --------
@@ -384,37 +369,17 @@ def left_out(whole: Mapping[str, Any], quick: Mapping[str, Any]) -> str:
     >>> left_out(whole, {"scenarios": {"door": 1}, "seeds": 1, "show": [0]})
     'scenarios without hall and yard; seeds 1, not 20; show without 4'
     """
-    return "; ".join(_differences(whole, quick, ""))
-
-
-def _differences(whole: Mapping[str, Any], quick: Mapping[str, Any], place: str) -> Iterator[str]:
-    """Yield what differs below a place of the config."""
+    words = []
     for key, value in whole.items():
-        name = f"{place}{key}"
-        if key not in quick or quick[key] == value:
-            continue
-        small = quick[key]
+        small, gone = quick.get(key, value), []
+        if isinstance(value, Mapping | list) and isinstance(small, Mapping | list):
+            gone = [str(one)[:LONGEST] for one in value if one not in small]
+        if gone:
+            names = filter(None, (", ".join(gone[:-1]), gone[-1]))
+            words.append(f"{place}{key} without {' and '.join(names)}")
         if isinstance(value, Mapping) and isinstance(small, Mapping):
-            gone = [str(one) for one in value if one not in small]
-            if gone:
-                yield f"{name} without {_and(gone)}"
-            yield from _differences(value, small, f"{name}.")
-        elif isinstance(value, list) and isinstance(small, list):
-            yield f"{name} {_of_list(value, small)}"
-        else:
-            yield f"{name} {short(small, LONGEST)}, not {short(value, LONGEST)}"
-
-
-def _of_list(whole: list[Any], quick: list[Any]) -> str:
-    """Say what a list lacks: its entries where they are single values, else their number."""
-    gone = [one for one in whole if one not in quick]
-    rest = [one for one in quick if one not in whole]
-    if gone and not rest and not any(isinstance(one, Mapping | list) for one in gone):
-        return f"without {_and([str(one) for one in gone])}"
-    return (
-        f"with {len(quick)} of {len(whole)}" if not rest else f"{short(quick, LONGEST)}, not all"
-    )
-
-
-def _and(names: list[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+            words.append(left_out(value, small, f"{place}{key}."))
+        elif small != value and not gone:
+            every = "all" if value == [] else short(value, LONGEST)
+            words.append(f"{place}{key} {short(small, LONGEST)}, not {every}")
+    return "; ".join(filter(None, words))

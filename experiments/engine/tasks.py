@@ -1,11 +1,11 @@
 """Finished tasks: a folder each, renamed into its place whole, so that a killed run can go on.
 
-``tasks/KEY/`` of a result holds ``rows.json`` (the rows of a task; name, size and hash of each of
-its files; how many times were measured), ``times.json`` (these times, if there are any) and, until
-the tables are made, the files. KEY is a hash of the experiment's config and the task. Only the
-driver writes there.
+``tasks/KEY/`` of a result holds ``rows.json`` (the rows of a task and the names of its files),
+``times.json`` (measured times, if there are any) and, until the tables are made, the files. KEY
+is a hash of the experiment's config and the task. Only the driver writes there.
 """
 
+import errno
 import hashlib
 import json
 import os
@@ -14,9 +14,9 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
-from ...framework.plugins.io import flush, parse_json, read_text, stamped, unstamped
+from ...framework.plugins.io import parse_json, read_text, stamped, unstamped
 from ...framework.values.errors import WideberthError, short
 from .base import Row, Task, TaskOutcome
 from .csv_tables import table_text
@@ -25,20 +25,11 @@ from .inside import inside, is_inside
 TASKS = "tasks"
 """Folder of a result that holds the finished tasks."""
 VERSION = 2
-"""Of the format. Version 1 has no sizes and hashes, and no number of times."""
+"""Of the format. Files of version 1, and earlier ones of version 2, are read as well."""
 LARGEST = 2**30
 """Bytes of the rows of one task."""
 _FOLDER = re.compile(r"[0-9a-f]{24}|\.[0-9a-f]{24}\.[a-z0-9_]{8}\.part")
 """Name of a finished task's folder, or of one that is not complete."""
-
-
-Seal: TypeAlias = dict[str, Any]
-"""Size of a file, bytes, and its SHA-256, by which damage is seen."""
-
-
-def seal(data: bytes) -> Seal:
-    """Return size and hash of a file's content."""
-    return {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 @dataclass(frozen=True)
@@ -48,12 +39,12 @@ class FinishedTask:
     Attributes
     ----------
     rows, times : as of `TaskOutcome`.
-    files : name of each of its files -> its `seal`, empty where none was stored.
+    files : names of its files.
     """
 
     rows: list[Row]
     times: list[Row]
-    files: dict[str, Seal]
+    files: list[str]
 
 
 def checked_tasks(tasks: Sequence[Task]) -> list[Task]:
@@ -127,9 +118,7 @@ def write_task(folder: Path, key: str, task: Task, outcome: TaskOutcome) -> None
     ------
     WideberthError : it cannot be written; nothing of it is left.
     """
-    seals = {name: seal(data) for name, data in outcome.files.items()}
-    timed = len(outcome.times)
-    content = {"task": task.name, "rows": outcome.rows, "files": seals, "timed": timed}
+    content = {"task": task.name, "rows": outcome.rows, "files": list(outcome.files)}
     inside = {"rows.json": _stamped(content)}
     if outcome.times:
         inside["times.json"] = _stamped({"task": task.name, "times": outcome.times})
@@ -152,6 +141,27 @@ def write_task(folder: Path, key: str, task: Task, outcome: TaskOutcome) -> None
         raise WideberthError(f"{folder / key} cannot be written: {reason}") from None
 
 
+def flush(path: Path) -> None:
+    """Wait until the disk holds the content of a file, or the names in a folder.
+
+    Nothing is waited for on Windows, and where a file system does not flush folders.
+
+    Raises
+    ------
+    OSError : the path cannot be opened or written.
+    """
+    if os.name == "nt":  # flushes only what is open for writing
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
 def _stamped(content: Mapping[str, Any]) -> bytes:
     return json.dumps(stamped("task", VERSION, content)).encode() + b"\n"
 
@@ -169,14 +179,10 @@ def read_task(folder: Path, key: str) -> FinishedTask | None:
     content = _read(inside(folder, f"{key}/rows.json"))
     timed = inside(folder, f"{key}/times.json")
     times = _read(timed).get("times") if timed.exists() else []
-    if content.get("timed") and not times:
-        raise WideberthError(f"{timed} is missing or empty")
-    files = content.get("files")
-    if isinstance(files, list):  # of version 1
-        files = {name: {} for name in files if isinstance(name, str)}
-    if not isinstance(files, dict) or not all(map(is_inside, files)):
+    files = content.get("files")  # earlier ones have a mapping, name -> size and hash
+    if not isinstance(files, list | dict) or not all(map(is_inside, files)):
         raise WideberthError(f"{path} is damaged: 'files' must be names in the folder")
-    return FinishedTask(_rows(path, content.get("rows")), _rows(path, times), files)
+    return FinishedTask(_rows(path, content.get("rows")), _rows(path, times), list(files))
 
 
 def _rows(path: Path, rows: object) -> list[Row]:

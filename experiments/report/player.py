@@ -1,6 +1,7 @@
 """`wideberth play`: an episode as a page in which one steps through it."""
 
 import base64
+import hashlib
 import json
 import sys
 import zlib
@@ -31,12 +32,14 @@ from ..engine.errors import as_user_error
 from ..engine.inside import files_inside, inside
 from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopened
-from .page import MARK, PLAYER, escaped, filled, page, text_of
 
+TEMPLATES = Path(__file__).parent / "templates"
+PLAYER = ("player.js", "player_view.js", "player_page.js")
+"""Scripts of the player, in the order in which they need each other."""
+MARK = '<meta name="generator" content="wideberth">'
+"""Stands near the beginning of every page: one that holds it may be replaced by another."""
 TAIL = 0.05
 """1 - content of drawn regions by default."""
-
-
 ROOM = 12_000_000
 """Characters of all packed episodes of a page."""
 
@@ -69,20 +72,35 @@ def play(path: Path, out: Path, tail: float | None = None) -> Path:
     if not found:
         packed(read_episode(paths[0]), chosen)  # refuses, and says why
     many = f"{path.resolve().name}: {len(found)} runs" if len(found) > 1 else found[0].title
-    body = _body(many, player(found, many, alone=True), left_out)
-    return write_text(out, page(many, body, PLAYER))
+    return write_text(out, page(many, found, left_out))
 
 
-def _body(title: str, player: str, left_out: Sequence[Path]) -> str:
-    """Return the HTML of a page with one player, which names the episodes that are too large."""
-    commands = (f"<code>wideberth play {escaped(path)}</code>" for path in left_out)
-    return filled(
-        "play.html",
-        title=escaped(title),
-        player=player,
-        left_out="".join(f"<p>Too large for this page: {command}</p>\n" for command in commands),
-        template=text_of("player.html"),
-    )
+def page(title: str, episodes: "Sequence[Recorded]", left_out: Sequence[Path] = ()) -> str:
+    """Return a whole HTML page in one file: no network, the same bytes for the same content.
+
+    A content security policy forbids all connections and every script but the page's own, which
+    it knows by their hash: text that got in unescaped could do nothing.
+
+    Parameters
+    ----------
+    title : plain text.
+    episodes : the first is shown; of several the reader chooses by what differs between them.
+    left_out : files of episodes that are too large for the page.
+    """
+    import jinja2
+
+    code = "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in PLAYER)
+    digest = base64.b64encode(hashlib.sha256(code.encode("utf-8")).digest()).decode("ascii")
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined,
+        autoescape=True, trim_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    labels = list(episodes[0].labels) if episodes else []
+    differing = [name for name in labels if len({one.labels.get(name) for one in episodes}) > 1]
+    return templates.get_template("page.html").render(
+        mark=MARK, title=title, digest=digest, code=code, differing=differing,
+        episodes=episodes, left_out=left_out,
+    )  # fmt: skip
 
 
 @final
@@ -119,17 +137,6 @@ class Recorded:
             for name in differing
         )
         return words.replace("_", " ") or self.name
-
-    def html(self, differing: Sequence[str]) -> str:
-        """Return it as an element of the page, named by some of its labels."""
-        return filled(
-            "player_episode.html",
-            name=escaped(self.name),
-            label=escaped(self.label(differing)),
-            title=escaped(self.title),
-            note=escaped(self.note),
-            text=self.text,
-        )
 
 
 def recordings(paths: Sequence[Path], tail: float, room: int) -> tuple[list[Recorded], list[Path]]:
@@ -172,36 +179,12 @@ def _labels(path: Path, task: Task | None) -> dict[str, str]:
     if task is None:
         return {"scenario": path.stem}
     folder = path.resolve().parents[1]
-    stated = read_config(inside(folder, "config.yaml"), stored=True).get("scenario")
+    stated = read_config(inside(folder, "config.yaml")).get("scenario")
     known = {name: str(task.settings[name]) for name in KEPT_BY if name in task.settings}
     alone = stated.get("type") if isinstance(stated, dict) else None  # of one, tasks name none
     scenario = str(alone or known.get("scenario") or folder.name)
     order = ("planner", "controller", "robot", "settings")
     return {"scenario": scenario, **{name: known[name] for name in order if name in known}}
-
-
-def player(episodes: Sequence[Recorded], label: str, alone: bool = False) -> str:
-    """Return the HTML of one player.
-
-    The page needs the template player.html once, and the scripts `PLAYER`.
-
-    Parameters
-    ----------
-    episodes : the first is shown; of several the reader chooses by what differs between them.
-    label : whose episodes they are.
-    alone : it listens to keys anywhere in the page, not only where it has the focus.
-    """
-    differing = [
-        name
-        for name in (episodes[0].labels if episodes else ())
-        if len({one.labels.get(name) for one in episodes}) > 1
-    ]
-    return filled(
-        "player_section.html",
-        label=escaped(label),
-        alone=" data-alone" if alone else "",
-        episodes="".join(one.html(differing) for one in episodes),
-    )
 
 
 def find_episodes(path: Path) -> list[Path]:
@@ -245,7 +228,7 @@ def kept_episodes(folder: Path) -> list[Path]:
 def result_tail(folder: Path) -> float:
     """Return the tail that a result's own figures are drawn with, else 0.05."""
     file = inside(folder, "config.yaml")
-    stated = read_config(file, stored=True).get("tail") if file.is_file() else None
+    stated = read_config(file).get("tail") if file.is_file() else None
     return float(stated) if isinstance(stated, int | float) and 0 < stated < 1 else TAIL
 
 

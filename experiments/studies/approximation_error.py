@@ -1,6 +1,5 @@
 """How far the paper's enlarged ellipse falls short of the exact sum."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, final
 
@@ -55,19 +54,6 @@ class ApproximationError(GridStudy):
         "falls short."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "approximation_error": (
-            "The enlarged ellipse lies inside the exact sum between its axes: the longer the "
-            "ellipse, the more, and the nearer to its long axis."
-        ),
-        "approximation_error_map": (
-            "The largest clearance that the enlarged ellipse loses grows with the condition "
-            "number of the covariance and with its size beside the margin."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = (
-        *("largest_radial_error", "largest_clearance_error", "largest_disagreement"),
-    )
 
     def __post_init__(self) -> None:
         positive("short_axis", self.short_axis)

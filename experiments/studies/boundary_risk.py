@@ -1,7 +1,6 @@
 """The true collision probability along the boundary of each region."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, final
 
@@ -43,13 +42,6 @@ class BoundaryRisk(RegionStudy):
         "The regions are conservative: on their boundary the collision probability is below 1 - p."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "boundary_risk": (
-            "True collision probability along each region's boundary, from least to largest: "
-            "right of the dotted line a region is too small for its tail."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("risk_max", "area_ratio", "clearance_lost")
 
     def validate(self) -> None:
         """Refuse no case, and lengths below 0."""

@@ -93,14 +93,6 @@ class ClosedLoopRisk(GridStudy):
         "closed loop where the covariance is exact, and is not with the paper's recursion."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
-    captions: ClassVar[Mapping[str, str]] = {
-        "closed_loop_risk": (
-            "How often walkers left their regions and were touched, by step of the plan: "
-            "markers at the dotted nominal value keep the promise, markers above it break it."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("outside", "ratio", "touched")
     printed: ClassVar[tuple[str, ...]] = (
         *("episodes", "outside", "outside_nominal", "touched"),
         *("touched_nominal", "near_touched", "near_expected", "ratio"),

@@ -13,7 +13,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import check_starts, column, inputs_of, log_name
 from .agility import agile
-from .comparison_figures import CAPTIONS, summary_pictures
+from .comparison_figures import summary_pictures
 from .episode_statistics import ANSWERS, SOURCES, against, by_controller, condensed
 from .episodes import (
     SeededStudy,
@@ -56,12 +56,6 @@ class Comparison(SeededStudy):
         "how near to others, and is the difference more than chance?"
     )
     reference: ClassVar[str] = SOURCES
-    captions: ClassVar[Mapping[str, str]] = {
-        **CAPTIONS,
-        "trends": "Success, time and clearance over the places that the study compares.",
-        **SeededStudy.run_captions,
-    }
-    headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
     printed: ClassVar[tuple[str, ...]] = ANSWERS
 
     scenarios: dict[str, Scenario]

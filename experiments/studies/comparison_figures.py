@@ -20,20 +20,6 @@ from ..engine.closed_loop import column, group
 from .episode_statistics import against, by_controller, means, paired, promised, shares
 from .grid import Pictures, Row, labelled
 
-CAPTIONS = {
-    "outcomes": (
-        "Share of the episodes in which each controller arrived, waited too long, stood "
-        "still or touched something."
-    ),
-    "clearance_against_time": (
-        "Least clearance against time to the goals: upper left is better, and hollow "
-        "markers had failures."
-    ),
-    "paired_times": (
-        "Time beyond the baseline's at the seeds at which both arrived: right of 0 is slower."
-    ),
-}
-"""Captions of the figures that every comparison has."""
 PLACES = ("scenario", "robot", "settings")
 """Where controllers are compared; a panel each."""
 PARTS = {

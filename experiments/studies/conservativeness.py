@@ -49,13 +49,6 @@ class Conservativeness(PlacesStudy):
         "less conservative (section III): what each region and covariance costs and keeps."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "conservativeness": (
-            "What a region and a covariance keep against what they cost: upper left keeps more "
-            "for less."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("kept", "extra_time", "collisions")
 
     planner: Controller
     regions: dict[str, Region]

@@ -1,6 +1,6 @@
 """Certificates of the convex regions by convex programs, which use none of their formulas."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, final
 
@@ -58,13 +58,6 @@ class ConvexCertificates(RegionStudy):
         "least area, certified by convex programs."
     )
     reference: ClassVar[str] = "boyd2004convex,kurzhanski1997ellipsoidal"
-    captions: ClassVar[Mapping[str, str]] = {
-        "convex_certificates": (
-            "How far each region lies beyond (above 0) or inside (below 0) the exact sum, and "
-            "its area over that of the smallest ellipse around the sum."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("gap_min", "gap_max", "distance_error")
 
     conditions: tuple[float, ...] = (1.0, 2.0, 4.0, 10.0, 25.0, 100.0)
     short_axis: float = 1.0

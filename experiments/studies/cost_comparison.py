@@ -52,13 +52,6 @@ class CostComparison(PlacesStudy):
         "whose progress is its own choice drive more calmly, and what does that cost?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory,liniger2015optimization"
-    captions: ClassVar[Mapping[str, str]] = {
-        "cost_comparison": (
-            "Every episode with each cost: a calm drive has a low peak speed and a small "
-            "deviation from the path."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("peak_speed", "deviation", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
         *("collisions", "goals_in_time", "clearance_min_m", "clearance_median_m"),
         *("time_ratio", "length_ratio", "fallback_plans", "peak_speed"),

@@ -9,7 +9,8 @@ import numpy as np
 from ...framework import Path, WideberthError
 from ...framework.plugins.extensions import function
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.recordings import (
+from ...framework.values.arrays import Array, positive, whole
+from ...predictors.data.recordings import (
     ROBOT_COLUMNS,
     TRACK_COLUMNS,
     Recording,
@@ -22,7 +23,6 @@ from ...framework.tracking.recordings import (
     read_tracks,
     storage_files,
 )
-from ...framework.values.arrays import Array, positive, whole
 from ...simulation.engine.agents import ReplayAgent
 from .jrdb import odometry_file, read_jrdb
 from .thor_magni import is_thor_magni, read_thor_magni

@@ -39,12 +39,6 @@ class DynamicMatters(PlacesStudy):
         "(section I): static against moving predictions on the same seeds."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "dynamic_matters": (
-            "Clearance and time of every episode by predictor: below the line at 0 bodies touch."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
         *("collisions", "deadlocks", "goals_in_time", "clearance_min_m"),
         *("clearance_median_m", "time_ratio", "length_ratio", "coverage"),

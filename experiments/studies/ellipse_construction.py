@@ -1,6 +1,5 @@
 """The construction of the paper's region: content ellipse, enlarged ellipse and exact sum."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, final
 
@@ -48,15 +47,6 @@ class EllipseConstruction(GridStudy):
         "approximates the exact sum."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "ellipse_construction": (
-            "The outer ellipse, with axes longer by r + r_d, cuts into the exact sum between "
-            "its axes; the disc stands where it loses most."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = (
-        *("area_m2", "smallest_clearance_m", "largest_collision_risk"),
-    )
 
     def __post_init__(self) -> None:
         probability("content", self.content)

@@ -30,11 +30,6 @@ class Encounter(OnePlaceStudy):
         "communication (section V)."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        **OnePlaceStudy.view_captions,
-        **OnePlaceStudy.run_captions,
-    }
-    headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
         *("episodes", "collisions", "deadlocks", "goals_in_time", "clearance_min_m"),
         *("time_ratio", "below_reference", "coverage", "errors"),

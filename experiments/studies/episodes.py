@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar, final
+from typing import final
 
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import DrivesRobot, driving
@@ -31,18 +31,7 @@ class SeededStudy(GridStudy):
     tail : 1 - content that forecasts and levels are measured against, and of the drawn regions.
     """
 
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
-    run_captions: ClassVar[Mapping[str, str]] = {
-        "run_*": "Where all robots drove, with a mark every 5 s and the closest approach.",
-        "animation_*": "The episode with the plans and the regions that they keep out of.",
-    }
     """Captions of the figures that show one episode each."""
-    view_captions: ClassVar[Mapping[str, str]] = {
-        "views_*": (
-            "What each robot planned and kept out of, when the robots came near: a planned "
-            "position and the region of its step have the same shade."
-        ),
-    }
     """Caption of the views of two robots."""
 
     seeds: int = 20

@@ -1,6 +1,6 @@
 """Forecasts from the first sight of a person on, of a predictor that begins without memory."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -9,10 +9,10 @@ import numpy as np
 
 from ...framework import Detection, Observation, Predictor, Scene
 from ...framework.tracking.perception import FORGET, Perception
-from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import Array, BoolArray, positive, whole
 from ...metrics.scoring import reached_tail, region_area
 from ...metrics.statistics import known_mean
+from ...predictors.data.recordings import Recording
 from ...simulation.engine.agents import ReplayAgent
 from ..drawing.plotting import PAGE, legend_below, style, subplots, title
 from ..engine.closed_loop import column, group
@@ -101,14 +101,6 @@ class FirstSight(GridStudy):
         "appeared as of those who have been seen for long?"
     )
     reference: ClassVar[str] = "gibbs2021adaptive"
-    captions: ClassVar[Mapping[str, str]] = {
-        "first_sight": (
-            "Share of true positions outside of the regions, by how often a person has been seen: "
-            "above the line a forecast is too sure."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("missed", "radius_last_m", "plans_missed")
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
 
     predictors: dict[str, Predictor]
     data: PredictionData = field(default_factory=PredictionData)

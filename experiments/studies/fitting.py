@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from ...framework import Fittable, Predictor, Tracks, WideberthError
-from ...framework.plugins.extras import check_extra, gathered
+from ...framework.plugins.extras import check_extra
 
 AS_GIVEN, NOTHING, FITTED, UNFITTED = "as given", "nothing to fit", "fitted to", "not fitted"
 """Texts of the tables' column ``fitted``, or how they begin."""
@@ -45,13 +45,12 @@ def check_fit(predictor: Predictor, otherwise: str = "") -> None:
     ------
     WideberthError : names the extra; it ends with ``otherwise``, what can be done without.
     """
-    with gathered():
-        if isinstance(predictor, Fittable) and predictor.fit_needs is not None:
-            check_extra(*predictor.fit_needs, otherwise)
-        for field in fields(predictor):  # type: ignore[arg-type]
-            value = getattr(predictor, field.name)
-            for one, _ in inside(value, value):
-                check_fit(one, otherwise)
+    if isinstance(predictor, Fittable) and predictor.fit_needs is not None:
+        check_extra(*predictor.fit_needs, otherwise)
+    for field in fields(predictor):  # type: ignore[arg-type]
+        value = getattr(predictor, field.name)
+        for one, _ in inside(value, value):
+            check_fit(one, otherwise)
 
 
 def inside(before: Any, after: Any) -> Iterator[tuple[Predictor, Predictor]]:

@@ -56,16 +56,6 @@ class Flight(OnePlaceStudy):
         "degrees of freedom), outer forms and the exact sum keep flying robots apart."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "comparison": (
-            "Clearance, time and iterations of every flight by region: no region should reach "
-            "the line at which bodies touch."
-        ),
-        "flight_*": (
-            "One flight, from above and from the side, with the least distance between the robots."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
         *("collisions", "deadlocks", "clearance_min_m", "clearance_median_m"),
         *("time_ratio", "length_ratio", "coverage", "volume_ratio"),

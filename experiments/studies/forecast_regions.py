@@ -68,17 +68,6 @@ class ForecastRegions(GridStudy):
         "The ellipse covers a smaller area than the rectangle and is less conservative."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory, luetkepohl2005new"
-    captions: ClassVar[Mapping[str, str]] = {
-        "forecast_regions": (
-            "The rectangle covers more area than the ellipse of the same content, the more, the "
-            "stronger the correlation."
-        ),
-        "forecast_regions_p": (
-            "Area of the rectangle over that of the ellipse, before and after the enlargement, "
-            "and content that the rectangle holds beyond what it promises."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("area_ratio", "enlarged_ratio", "rectangle_content")
 
     def __post_init__(self) -> None:
         for content in self.contents:

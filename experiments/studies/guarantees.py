@@ -15,10 +15,10 @@ from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.config import describe
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import Array, whole
 from ...framework.values.coverage import Coverage, Event
 from ...metrics.statistics import known_mean, ratio, ratio_interval
+from ...predictors.data.recordings import Recording
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.kept_clear import KeptClear, people_of
@@ -131,14 +131,6 @@ class Guarantees(GridStudy):
         "promised that they would not, and what did the promise cost?"
     )
     reference: ClassVar[str] = "lindemann2023safe,gibbs2021adaptive,efron1993introduction"
-    captions: ClassVar[Mapping[str, str]] = {
-        "guarantees": (
-            "What each planner promised against what was missed, of the event that it promises: "
-            "below the diagonal a promise is kept; dark markers paid for it with large regions."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("promise", "missed", "radius_last_m")
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     printed: ClassVar[tuple[str, ...]] = (
         *("event", "promise", "missed", "missed_low", "missed_high", "plans_missed"),
         *("radius_last_m", "arrived", "collisions", "time_s"),

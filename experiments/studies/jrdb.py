@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ...framework.plugins.io import parse_json, read_text
-from ...framework.tracking.recordings import LARGEST_COORDINATE, MOST_BYTES, Recording, gridded
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError, short
+from ...predictors.data.recordings import LARGEST_COORDINATE, MOST_BYTES, Recording, gridded
 
 RATE = 15.0
 """Frames in a s: the published sequences."""
@@ -43,7 +43,7 @@ def read_jrdb(
         that holds one of the same name as the labels. Without it positions stay in the frame of
         the robot, in which people who stand move as soon as the robot does; a note says so.
     bridge : s; positions are interpolated linearly across gaps up to this long.
-    minimum_samples, longest_gap : as in `wideberth.framework.tracking.recordings.read_tracks`.
+    minimum_samples, longest_gap : as in `wideberth.predictors.data.recordings.read_tracks`.
 
     Raises
     ------

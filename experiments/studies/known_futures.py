@@ -1,7 +1,7 @@
 """What knowing the future would be worth to one decision: one plan against a thousand futures."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -178,13 +178,6 @@ class KnownFutures(GridStudy):
         "worth to one decision to know it, and is the promise kept in the futures forecast?"
     )
     reference: ClassVar[str] = "birge2011introduction,schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "known_futures": (
-            "One decision: its plan between the drawn futures, its cost against plans that know "
-            "the future, and how often it touches against the tail that it holds."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("worth", "touched", "tail_held")
     printed: ClassVar[tuple[str, ...]] = (
         *("tail_held", "cost", "cost_known", "worth"),
         *("solved", "touched", "speed_spread_mps", "remark"),

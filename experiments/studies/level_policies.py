@@ -52,13 +52,6 @@ class LevelPolicies(PlacesStudy):
         "to let it fall over the horizon, or to hold one risk for the whole plan?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "level_policies": (
-            "Least clearance against extra time for each level policy: upper left is better, "
-            "and hollow markers had failures."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("success", "clearance_median_m", "extra_time_s")
     printed: ClassVar[tuple[str, ...]] = (
         *("success", "collisions", "goals_in_time", "clearance_median_m"),
         *("extra_time_s", "length_ratio", "coverage", "driven_below"),

@@ -34,13 +34,6 @@ class PlannerParts(OnePlaceStudy):
         "Which predictor and which region does a planner need, and does one make up for the other?"
     )
     reference: ClassVar[str] = SOURCES
-    captions: ClassVar[Mapping[str, str]] = {
-        "planner_parts": (
-            "Success, time and nearness for every predictor (down) with every region (across): "
-            "darker is better."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("success", "time_mean_s", "collision")
     printed: ClassVar[tuple[str, ...]] = ANSWERS
 
     planner: Controller

@@ -1,7 +1,6 @@
 """Every predictor on every scene: errors, likelihoods, coverage, areas, fallbacks and times."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -9,7 +8,7 @@ from typing import ClassVar, Self, final
 
 from ...framework import Fittable, Predictor, WideberthError, build, names
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.recordings import usual_speed
+from ...predictors.data.recordings import usual_speed
 from ..engine.closed_loop import group
 from .fitting import AS_GIVEN, NOTHING, check_fit, fitted
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome
@@ -69,26 +68,6 @@ class PredictionBenchmark(GridStudy):
         "Forecasts cover what then happens: how far off is each predictor, and how honest?"
     )
     reference: ClassVar[str] = "gneiting2007strictly, schoeller2020constant"
-    captions: ClassVar[Mapping[str, str]] = {
-        "calibration": (
-            "Share of true positions inside regions of each content: on the diagonal a forecast "
-            "is honest, below it too sure."
-        ),
-        "error": "Mean distance between forecast and truth over the time ahead.",
-        "coverage": (
-            "Share of true positions inside regions of three contents over the time ahead: each "
-            "line belongs on its grey level."
-        ),
-        "coverage_by_speed": (
-            "The same for slow and fast obstacles: a forecast that is honest on average may not "
-            "be so for either."
-        ),
-        "area": "Area of the 95 % regions over the time ahead: large regions block a planner.",
-        "forecasts_*": (
-            "Every predictor's forecast of a usual or a surprising window, with its 95 % regions."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("ade_m", "cover_95", "area_m2")
     printed: ClassVar[tuple[str, ...]] = (
         *("windows", "ade_m", "fde_m", "nll"),
         *("cover_95", "area_m2", "fell_back", "notes"),

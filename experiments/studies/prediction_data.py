@@ -8,8 +8,8 @@ from typing import Literal, final
 import numpy as np
 
 from ...framework import Tracks, WideberthError
-from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
+from ...predictors.data.recordings import Recording
 from .crowd import DATA, SHIPPED, Kind, TrackFile, seconds
 from .jrdb import ROBOT_FRAME
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...framework.tracking.recordings import doubts
 from ...metrics.statistics import known_mean
+from ...predictors.data.recordings import doubts
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
 from .fitting import AS_GIVEN, FITTED, UNFITTED

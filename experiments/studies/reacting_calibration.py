@@ -1,6 +1,6 @@
 """What is left of a promise that was calibrated beside another planner, where people react."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, final
 
@@ -9,11 +9,11 @@ import numpy as np
 from ...framework import Controller, Robot, Tracks, WideberthError
 from ...framework.controller import driving
 from ...framework.numerics.chi_square import content_bound
-from ...framework.tracking.windows import windows_of
 from ...framework.values.arrays import Array, positive, whole
 from ...metrics.statistics import known_mean, ratio_interval
 from ...predictors.conformal import Conformal
 from ...predictors.core.calibration import replayed, squared_distances
+from ...predictors.data.windows import windows_of
 from ...simulation.engine.settings import Settings
 from ...simulation.measures.summary import summarise
 from ...simulation.scenarios.base import Scenario
@@ -72,23 +72,10 @@ class ReactingCalibration(GridStudy):
         "of the calibration, and does calibrating again bring it back?"
     )
     reference: ClassVar[str] = "mirzaeedodangeh2026safe,lindemann2023safe"
-    captions: ClassVar[Mapping[str, str]] = {
-        "iteration": (
-            "Share missed of what each calibration promises when the planner is driven with the "
-            "regions of an iteration; dotted as promised. Iteration 0 was calibrated beside "
-            "another driver."
-        ),
-        "table": (
-            "Share missed by calibrated beside (lines) and driven by (columns), as a multiple of "
-            "what was promised."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("promise", "missed", "radius_m")
     printed: ClassVar[tuple[str, ...]] = (
         *("promise", "missed", "missed_low", "missed_high"),
         *("radius_m", "arrived", "collisions", "episodes"),
     )
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
 
     scenarios: dict[str, Scenario]
     planner: Controller

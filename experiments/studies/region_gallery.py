@@ -1,7 +1,6 @@
 """Every region around one Gaussian, side by side."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from textwrap import fill
 from typing import Any, ClassVar, Self, final
@@ -52,13 +51,6 @@ class RegionGallery(RegionStudy):
         "collision probability on their boundary."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "region_gallery": (
-            "Every region around the same Gaussian beside the exact sum (dotted), with its area "
-            "and the largest risk on its boundary."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("area_ratio", "risk_max", "clearance_lost")
 
     def validate(self) -> None:
         """Refuse a covariance that is none."""

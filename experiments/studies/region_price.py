@@ -65,13 +65,6 @@ class RegionPrice(OnePlaceStudy):
         "does each cost in the same encounters?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "region_price": (
-            "What each region costs in the same encounters, sorted by area: clearance, extra "
-            "time, extra path and solve time over the paper's ellipse."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("area_ratio", "clearance_median_m", "extra_time")
     printed: ClassVar[tuple[str, ...]] = (
         *("collisions", "goals_in_time", "clearance_min_m", "clearance_median_m"),
         *("extra_time", "extra_path", "fallback_plans", "remark"),

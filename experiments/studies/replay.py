@@ -1,6 +1,5 @@
 """The robot crosses among recorded people, who do not know of it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -9,9 +8,9 @@ import numpy as np
 
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import fresh
-from ...framework.tracking.recordings import Recording, doubts
 from ...framework.values.arrays import positive
 from ...metrics.episode import approach
+from ...predictors.data.recordings import Recording, doubts
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
@@ -79,14 +78,6 @@ class Replay(SeededStudy):
         "make way for it); what does the predictor change?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        "comparison": (
-            "Clearance and time of every episode by planner: below the line at 0 the robot "
-            "touched a person."
-        ),
-        **SeededStudy.run_captions,
-    }
-    headline: ClassVar[tuple[str, ...]] = ("drove_into", "clearance_min_m", "time_ratio")
     printed: ClassVar[tuple[str, ...]] = (
         *("drove_into", "run_into", "sudden", "goals_in_time"),
         *("clearance_min_m", "time_ratio", "below_reference", "coverage"),

@@ -8,9 +8,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ...framework.plugins.io import read_text
-from ...framework.tracking.recordings import MOST_BYTES, Recording, gridded, number
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
+from ...predictors.data.recordings import MOST_BYTES, Recording, gridded, number
 
 MILLIMETRES = 1000.0
 """In a metre; the unit of the files."""
@@ -58,7 +58,7 @@ def read_thor_magni(
         the columns, then a row for each frame.
     dt : s, of the grid, which starts at the first sample.
     bridge : s; positions are interpolated linearly across gaps up to this long.
-    minimum_samples, longest_gap : as in `wideberth.framework.tracking.recordings.read_tracks`.
+    minimum_samples, longest_gap : as in `wideberth.predictors.data.recordings.read_tracks`.
 
     Raises
     ------

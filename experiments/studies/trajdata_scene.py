@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.tracking.recordings import Recording, gridded
 from ...framework.values.errors import WideberthError
+from ...predictors.data.recordings import Recording, gridded
 
 PERSON = "PEDESTRIAN"
 """Name of the type of agents that are people, in trajdata."""
@@ -33,7 +33,7 @@ def read_trajdata(
     folders : name of the dataset -> its folder, as in ``data_dirs`` of trajdata.
     scene : which one, counted from 0.
     dt : s between rows; by default the dataset's. trajdata interpolates to a shorter one.
-    minimum_samples, longest_gap : as in `wideberth.framework.tracking.recordings.read_tracks`.
+    minimum_samples, longest_gap : as in `wideberth.predictors.data.recordings.read_tracks`.
 
     Raises
     ------

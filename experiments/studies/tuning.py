@@ -49,13 +49,6 @@ class Tuning(OnePlaceStudy):
         "Which settings of the planner buy clearance with time, and which buy it for nothing?"
     )
     reference: ClassVar[str] = SOURCES
-    captions: ClassVar[Mapping[str, str]] = {
-        "tuning": (
-            "Least clearance against time for each setting: the grey step joins the settings "
-            "that no other one beats, and the star is the base."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("clearance_median_m", "time_median_s", "success")
     printed: ClassVar[tuple[str, ...]] = (
         *("value", "episodes", "success", "p_success", "collision", "time_median_s"),
         *("time_difference_s", "clearance_median_m", "pareto", "judged_outcome", "errors"),

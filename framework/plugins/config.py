@@ -16,7 +16,6 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from ..values.errors import WideberthError, short
 from .deprecated import current
-from .extras import gathered
 from .io import check_target, expanded, read_json, write_json
 from .registry import (
     as_data,
@@ -25,6 +24,7 @@ from .registry import (
     import_named,
     load,
     name_of,
+    named,
     recipe,
     room_name,
     room_of,
@@ -37,6 +37,9 @@ LONGEST_NAME = 48
 """Bytes of a name in a config; up to five of them make the name of a file."""
 ADVICE = "advice"
 """Key of a dataclass field's metadata: what to write where a config lacks the field."""
+IMPLEMENTED = "implemented"
+"""Key of a dataclass field's metadata: "module:Class" that a mapping in a config makes, where the
+field's type is an interface without a room."""
 _SEQUENCES = (tuple, list, Sequence)
 _MAPPINGS = (dict, Mapping)
 
@@ -73,15 +76,9 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     Raises
     ------
     WideberthError : unknown name, unknown key, missing key, wrong type, or whatever the
-        constructor refuses; the message begins with the dotted path. If libraries are
-        missing it names all of them, with the extras that install them.
+        constructor refuses; the message begins with the dotted path.
     """
-    with gathered():
-        return _build(room_name(room), value, path, default)
-
-
-def _build(room: str, value: Any, path: str, default: Any) -> Any:
-    """Build a plug-in of a room, named in the plural, as `build` does."""
+    room = room_name(room)
     if room_of(type(value)) == room:
         return value
     if isinstance(value, str):
@@ -173,8 +170,15 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     arguments = {}
     for name, field in fields.items():
         if name in settings:
-            place = _join(path, name)
-            arguments[name] = _convert(hints[name], settings[name], place, _default(field))
+            hint, place = hints[name], _join(path, name)
+            target = field.metadata.get(IMPLEMENTED, "")
+            if (
+                target
+                and settings[name] is not None
+                and not dataclasses.is_dataclass(settings[name])
+            ):
+                hint = named(target, (target,)) | None
+            arguments[name] = _convert(hint, settings[name], place, _default(field))
         else:
             _check_default(found, field, hints[name], path)
     try:

@@ -1,13 +1,11 @@
-"""Files: written whole or not at all; read with bounds on size and depth.
+"""Files: written whole or not at all; read with a bound on their size.
 
 The same content gives the same bytes, and a file that cannot be used gives one error message.
 """
 
-import errno
 import io
 import json
 import os
-import stat
 import tempfile
 import zipfile
 from collections.abc import Mapping
@@ -23,25 +21,20 @@ MOST_BYTES = 64 * 2**20
 """Bytes of a file that is read whole into memory."""
 LARGEST_ARRAYS = 2**30
 """Bytes of the arrays in one archive."""
-DEEPEST = 60
-"""Lists and mappings inside each other in a JSON file."""
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the content of a regular file of at most ``most`` bytes.
+    """Return the content of a file of at most ``most`` bytes.
 
     Raises
     ------
-    WideberthError : it cannot be read, is larger, or is a pipe or a device, which may never end.
+    WideberthError : it cannot be read, or is larger.
     """
     path = Path(path)
     try:
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
-            raise WideberthError(f"{path} cannot be read: it is a pipe or a device; wanted a file")
-        if found.st_size > most:
+        if (size := path.stat().st_size) > most:
             raise WideberthError(
-                f"{path} cannot be read: it has {found.st_size} bytes; wanted at most {most}"
+                f"{path} cannot be read: it has {size} bytes; wanted at most {most}"
             )
         with path.open("rb") as file:
             return file.read(most)
@@ -83,28 +76,14 @@ def parse_json(text: str, place: str) -> Any:
 
     Raises
     ------
-    WideberthError : no JSON, a whole number of thousands of digits, or lists and mappings nested
-        more than `DEEPEST` deep.
+    WideberthError : no JSON.
     """
-    deep = f"{place} cannot be read as JSON: it is nested more than {DEEPEST} deep"
     try:
-        value = json.loads(text)
+        return json.loads(text)
     except RecursionError:
-        raise WideberthError(deep) from None
+        raise WideberthError(f"{place} cannot be read as JSON: it is nested too deep") from None
     except ValueError as error:
         raise WideberthError(f"{place} cannot be read as JSON: {error}") from None
-    level = [value]
-    for _ in range(DEEPEST + 1):
-        level = [
-            inner
-            for outer in level
-            if isinstance(outer, dict | list)
-            for inner in (outer.values() if isinstance(outer, dict) else outer)
-            if isinstance(inner, dict | list)
-        ]
-        if not level:
-            return value
-    raise WideberthError(deep)
 
 
 def read_arrays(data: bytes, place: str) -> dict[str, "np.ndarray[Any, Any]"]:
@@ -132,27 +111,6 @@ def read_arrays(data: bytes, place: str) -> dict[str, "np.ndarray[Any, Any]"]:
     raise WideberthError(
         f"{place} holds arrays of {size} bytes; wanted at most {LARGEST_ARRAYS} together"
     )
-
-
-def flush(path: Path) -> None:
-    """Wait until the disk holds the content of a file, or the names in a folder.
-
-    Nothing is waited for on Windows, and where a file system does not flush folders.
-
-    Raises
-    ------
-    OSError : the path cannot be opened or written.
-    """
-    if os.name == "nt":  # flushes only what is open for writing
-        return
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
-            raise
-    finally:
-        os.close(handle)
 
 
 def write_bytes(path: Path, data: bytes) -> Path:

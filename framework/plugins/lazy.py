@@ -26,7 +26,8 @@ def lazy(
     ----------
     package : its ``__name__``.
     targets : "module:Name" of each public name; or "module" of a package inside, which
-        ``import *`` leaves out. A mapping has modules inside the package, and their names.
+        ``import *`` leaves out. A mapping has modules inside the package, or whole names of
+        modules of other rooms, and their public names.
     """
     if isinstance(targets, Mapping):
         targets = targets_in(package, targets)
@@ -51,7 +52,7 @@ def lazy(
 
 
 def targets_in(package: str, table: Mapping[str, str]) -> list[str]:
-    """Return "module:Name" for a table of the modules inside a package and their public names.
+    """Return "module:Name" for a table of modules and their public names, see `lazy`.
 
     Examples
     --------
@@ -59,7 +60,9 @@ def targets_in(package: str, table: Mapping[str, str]) -> list[str]:
     ['wideberth.metrics.episode:clearance', 'wideberth.metrics.episode:path_length']
     """
     return [
-        f"{package}.{module}:{name}" for module, names in table.items() for name in names.split()
+        f"{module if module.startswith('wideberth') else f'{package}.{module}'}:{name}"
+        for module, names in table.items()
+        for name in names.split()
     ]
 
 

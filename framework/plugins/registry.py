@@ -90,14 +90,14 @@ ROOMS: Mapping[str, Room] = Rooms({
             "linearized_chance": "wideberth.controllers.presets:linearized_chance",
             "lmpcc": "wideberth.controllers.presets:lmpcc",
             "mpc_constant_velocity": "wideberth.controllers.presets:mpc_constant_velocity",
-            "recommended": f"{_FRAMEWORK}.mpc.planner.recommended:completed",
+            "recommended": "wideberth.controllers.recommended:completed",
         },
     ),
     "route_planners": Room("wideberth.routes", f"{_FRAMEWORK}.route_planner:RoutePlanner"),
     "solvers": Room("wideberth.solvers", f"{_FRAMEWORK}.mpc.solver:Solver"),
-    "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
-    "slot_kinds": Room(f"{_FRAMEWORK}.mpc.slots", f"{_FRAMEWORK}.mpc.slots.base:SlotKind"),
-    "costs": Room(f"{_FRAMEWORK}.mpc.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),
+    "levels": Room("wideberth.controllers.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
+    "slot_kinds": Room("wideberth.controllers.slots", f"{_FRAMEWORK}.mpc.slots.base:SlotKind"),
+    "costs": Room("wideberth.controllers.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),
     "scenarios": Room(
         "wideberth.simulation.scenarios", "wideberth.simulation.scenarios.base:Scenario"
     ),

@@ -1,26 +1,14 @@
 """Reading YAML configs, with ``--set`` overrides, and writing them back."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ..values.errors import WideberthError, short
 from .io import read_text
 
-MOST_CHARACTERS = 2**20
-"""Characters of a config that a user wrote."""
-MOST = 10_000
-"""Values and keys of such a config; what aliases repeat is counted each time."""
-STORED = 100
-"""Times as large may be the config that a run has stored: it holds what predictors have learnt."""
-DEEPEST = 30
-"""Lists and mappings inside each other, and parts of a dotted key."""
-SHARED = ("recommended",)
-"""Names of the settings that configs share: ``framework/NAME.yaml``."""
 
-
-def read_config(
-    path: Path, overrides: list[str] | None = None, stored: bool = False
-) -> dict[str, Any]:
+def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any]:
     """Read a config file and apply overrides such as ``"region.tail=0.1"``.
 
     Unlike plain YAML, ``1e-3`` is a number and a key that stands twice is an error.
@@ -28,58 +16,39 @@ def read_config(
     Parameters
     ----------
     path, overrides : see above.
-    stored : whether a run has written the file, which may then be `STORED` times as large.
 
     Raises
     ------
-    WideberthError : no such file, not YAML, not a mapping, too large or too deep, an override
-        that does not fit.
+    WideberthError : no such file, not YAML, not a mapping, an override that does not fit.
     """
-    path = Path(path)
-    times = STORED if stored else 1
-    text = read_text(path, "a YAML file", times * MOST_CHARACTERS)
-    config = _mapping(parse(text, str(path), times), path)
+    from .yaml_loader import Loader
+
+    config = read_with(path, Loader)
     for override in overrides or []:
         apply(config, override)
     return config
 
 
-def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Read a mapping in which keys may stand twice, as ROS reads its parameter files.
-
-    The last value holds; mappings are merged. rcl_yaml_param_parser, the parser of ROS, keeps
-    one value for each dotted name.
-
-    Returns
-    -------
-    tuple : the mapping, and the keys that stand twice with their lines.
+def read_with(path: Path, loader: Callable[[str], Any]) -> dict[str, Any]:
+    """Read the mapping that a loader makes of a YAML file.
 
     Raises
     ------
     WideberthError : as `read_config`.
     """
-    text = read_text(Path(path), "a YAML file", MOST_CHARACTERS)
-    value, twice = _loaded(text, str(path), 1, merging=True)
-    return _mapping(value, path), twice
-
-
-def _mapping(value: Any, path: Path) -> dict[str, Any]:
-    """Return what a file holds, or raise."""
+    value = _loaded(read_text(Path(path), "a YAML file"), str(path), loader)
     if not isinstance(value, dict):
         came = "empty" if value is None else f"a {type(value).__name__}"
         raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
     return value
 
 
-def parse(text: str, place: str, times: int = 1) -> Any:
+def parse(text: str, place: str) -> Any:
     r"""Return the value of a YAML text; ``place`` stands in the error message.
-
-    Text of more than ``times`` x `MOST_CHARACTERS` or ``times`` x `MOST` values, or nested more
-    than `DEEPEST` deep, is refused: a few aliases can stand for billions of values.
 
     Raises
     ------
-    WideberthError : too large, no YAML, or a number that no number type holds.
+    WideberthError : no YAML, or a number that no number type holds.
 
     Examples
     --------
@@ -91,33 +60,28 @@ def parse(text: str, place: str, times: int = 1) -> Any:
     >>> parse("first: &first {weight: 1, tail: 0.1}\nsecond: {<<: *first, tail: 0.2}", "example")
     {'first': {'weight': 1, 'tail': 0.1}, 'second': {'weight': 1, 'tail': 0.2}}
 
-    and shipped settings have names (`SHARED`):
+    and shipped settings have names:
 
     >>> parse("planner: {<<: recommended, margin: 0.3}", "example")["planner"]["margin"]
     0.3
     """
-    return _loaded(text, place, times)[0]
-
-
-def _loaded(
-    text: str, place: str, times: int, merging: bool = False
-) -> tuple[Any, tuple[str, ...]]:
-    """Return the value of a YAML text, and the keys that stand twice where they may."""
-    import yaml
-
     from .yaml_loader import Loader
 
-    if len(text) > times * MOST_CHARACTERS:
-        raise WideberthError(
-            f"{place} has {len(text)} characters; wanted at most {times * MOST_CHARACTERS}"
-        )
+    return _loaded(text, place, Loader)
+
+
+def _loaded(text: str, place: str, loader: Callable[[str], Any]) -> Any:
+    """Return the value that a loader makes of a text; errors name ``place``, line and column."""
+    import yaml
+
     try:
-        loader = Loader(text, times * MOST, DEEPEST, shared_text, merging)
-        value = loader.get_single_data()
-        return value, tuple(sorted(loader.twice, key=loader.twice.__getitem__))
+        return loader(text).get_single_data()
+    except RecursionError:
+        problem = "nested too deep; is a bracket left open?"
+        raise WideberthError(f"{place} is not YAML: {problem}") from None
     except yaml.MarkedYAMLError as error:
         where = f", {_line(error.problem_mark)}" if error.problem_mark else ""
-        problem = _PROBLEMS.get(str(error.problem), error.problem)
+        problem = _PROBLEMS.get(str(error.problem), str(error.problem))
         begin = error.context_mark
         within = f", {error.context} that begins in {_line(begin)}" if begin else ""
         raise WideberthError(f"{place}{where} is not YAML: {problem}{within}") from None
@@ -145,20 +109,6 @@ def _line(mark: Any) -> str:
     return f"line {mark.line + 1}, column {mark.column + 1}"
 
 
-def shared_text(name: str) -> str:
-    """Return the YAML text of settings that configs share, by their name in `SHARED`.
-
-    Raises
-    ------
-    WideberthError : no settings of this name.
-    """
-    from .registry import unknown
-
-    if name not in SHARED:
-        raise WideberthError(unknown("shared settings", name, SHARED))
-    return read_text(Path(__file__).parents[1] / f"{name}.yaml", "a YAML file", MOST_CHARACTERS)
-
-
 def shared_settings(name: str) -> dict[str, Any]:
     """Return the settings that ``<<: NAME`` takes over in a config.
 
@@ -167,6 +117,8 @@ def shared_settings(name: str) -> dict[str, Any]:
     >>> shared_settings("recommended")["margin"]
     0.1
     """
+    from .yaml_loader import shared_text
+
     settings: dict[str, Any] = parse(shared_text(name), name)
     return settings
 
@@ -224,8 +176,6 @@ def assign(config: dict[str, Any], key: str, value: Any, where: str) -> None:
     WideberthError : a parent that holds no keys; ``where`` begins the message.
     """
     parts = key.split(".")
-    if len(parts) > DEEPEST:
-        raise WideberthError(f"{where}: the key has {len(parts)} parts; wanted at most {DEEPEST}")
     here: Any = config
     for index, part in enumerate(parts):
         last = index == len(parts) - 1

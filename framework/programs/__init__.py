@@ -1,6 +1,5 @@
 """CasADi functions as programs, which a small C evaluator runs for many columns at once."""
 
-from .c_text import c_source as c_source
 from .evaluate import ColumnFunctions as ColumnFunctions
 from .listing import Listing as Listing
 from .listing import listing_of as listing_of

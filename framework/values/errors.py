@@ -1,7 +1,6 @@
 """The package's user-facing exception, and what its messages share."""
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
 
 
 class WideberthError(ValueError):
@@ -47,59 +46,22 @@ def nearest(name: str, known: Iterable[str], likeness: float = 0.6) -> str:
     return f": did you mean {near[0]!r}?" if near else ""
 
 
-class Lack(NamedTuple):
-    """A library that cannot be imported: who needs it, why it cannot, and the extra with it."""
-
-    need: str
-    reason: str
-    extra: str
-
-
 class MissingLibraryError(WideberthError):
-    """Libraries that cannot be imported; the message names the extras that install them.
-
-    Parameters
-    ----------
-    lacks : the libraries; of several with the same reason the first one is named.
-    otherwise : what can be done without them, if anything.
-    """
-
-    def __init__(self, lacks: Iterable[Lack], otherwise: Iterable[str] = ()) -> None:
-        first: dict[str, Lack] = {}
-        for lack in lacks:
-            first.setdefault(lack.reason, lack)
-        self.lacks: tuple[Lack, ...] = tuple(first.values())
-        self.otherwise: tuple[str, ...] = tuple(dict.fromkeys(otherwise))
-        named = "; ".join(
-            f"{lack.need}, which cannot be imported ({lack.reason})" for lack in self.lacks
-        )
-        extras = dict.fromkeys(lack.extra for lack in self.lacks)
-        super().__init__("; ".join([f"{named}: {installation(*extras)}", *self.otherwise]))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.lacks, self.otherwise)
-
-
-def together(errors: Iterable[MissingLibraryError]) -> MissingLibraryError:
-    """Return one error for all that is missing."""
-    errors = list(errors)
-    return MissingLibraryError(
-        [lack for error in errors for lack in error.lacks],
-        [words for error in errors for words in error.otherwise],
-    )
+    """A library that cannot be imported; the message names the extra that installs it."""
 
 
 def missing(extra: str, need: str, error: Exception, otherwise: str = "") -> MissingLibraryError:
     """Return the error for a library that cannot be imported; see `plugins.extras.from_extra`."""
-    return MissingLibraryError([Lack(need, str(error), extra)], [otherwise] if otherwise else [])
+    cause = f"{need}, which cannot be imported ({error}): {installation(extra)}"
+    return MissingLibraryError("; ".join(filter(None, (cause, otherwise))))
 
 
-def installation(*extras: str) -> str:
-    """Say how the libraries of extras are installed.
+def installation(extra: str) -> str:
+    """Return the command that installs the libraries of an extra.
 
     Examples
     --------
-    >>> installation("perception", "ros")
-    "pip install 'wideberth[perception,ros]'"
+    >>> installation("ros")
+    "pip install 'wideberth[ros]'"
     """
-    return f"pip install 'wideberth[{','.join(extras)}]'"
+    return f"pip install 'wideberth[{extra}]'"

@@ -185,7 +185,7 @@ class Plan:
     situation : the robot's body and the regions, for pictures; None where they are not known.
     fallbacks : per obstacle, why the named predictor was not used, or None.
     risk : largest probability that an obstacle is met at any step of the whole plan, where a slot
-        kind promises one, as `wideberth.framework.mpc.slots.drawn_futures` does, and the plan
+        kind promises one, as `wideberth.controllers.slots.drawn_futures` does, and the plan
         keeps all that it was made for; else nan. Obstacles left out are not counted.
     """
 

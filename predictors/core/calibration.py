@@ -10,7 +10,6 @@ import numpy as np
 from ...framework.calibration import Calibration, CalibrationScores
 from ...framework.numerics.chi_square import content_bound
 from ...framework.predictor import Fittable, Predictor
-from ...framework.tracking.windows import IntArray, Windows
 from ...framework.values.arrays import Array, altered, assembled, checked, positive
 from ...framework.values.beliefs import Beliefs
 from ...framework.values.errors import WideberthError
@@ -18,6 +17,7 @@ from ...framework.values.forecast import Forecast, heeded
 from ...framework.values.measurements import measurements_on_grid
 from ...framework.values.tracks import Tracks
 from ...metrics.episode import SMALLEST, squared_mahalanobis
+from ..data.windows import IntArray, Windows
 from .assembly import more_modes
 
 GRID = 80

@@ -38,8 +38,8 @@ class Modes:
     independent processes, which are a random walk, an unknown constant velocity, and a
     velocity under white acceleration:
 
-    Cov(p(s), p(u)) = min(s, u) growth_1 + s u growth_2 + (3 max(s, u) - min(s, u))
-    min(s, u)^2 / 2 growth_3
+        Cov(p(s), p(u)) = min(s, u) growth_1 + s u growth_2 + (3 max(s, u) - min(s, u))
+        min(s, u)^2 / 2 growth_3
 
     so that the covariance at s is s growth_1 + s^2 growth_2 + s^3 growth_3: PSD and growing.
 

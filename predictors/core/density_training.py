@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.tracking.windows import Windows
 from ...framework.values.arrays import Array, BoolArray
+from ..data.windows import Windows
 from . import adam
 from .density_network import (
     POWERS,

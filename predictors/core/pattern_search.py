@@ -8,10 +8,10 @@ import numpy as np
 
 from ...framework.plugins.registry import name_of
 from ...framework.predictor import Predictor
-from ...framework.tracking.windows import Windows, windows_of
 from ...framework.values.arrays import Array
 from ...framework.values.tracks import Tracks
 from ...metrics.scoring import negative_log_likelihood
+from ..data.windows import Windows, windows_of
 
 OBSERVED, PREDICTED = 8, 12
 """Samples of the windows that are fitted to."""

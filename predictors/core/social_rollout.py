@@ -24,7 +24,7 @@ FAR = 6.0
 class Force:
     """How neighbour j pushes walker i, m/s^2.
 
-    f_ij = A c_ij w_ij exp(-max(|d| - r_ij, 0) / B) d / max(|d|, r_ij, B)
+        f_ij = A c_ij w_ij exp(-max(|d| - r_ij, 0) / B) d / max(|d|, r_ij, B)
 
     - d: p_i - p_j as it will be if both keep their velocities, r_ij / |v_i - v_j| before they
       are nearest (when they touch, if head-on), yet at most ``anticipation`` s ahead and not

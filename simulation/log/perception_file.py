@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...framework.values.arrays import Array
-from ...framework.values.sensing import MotionEstimate, Segments, Sightings, TrackedObstacle
+from ..sensing.perceived import MotionEstimate, Segments, Sightings, TrackedObstacle
 from .perception_log import GRAIN, Glance, PerceptionLog, PipelineStop, TrueBody, TrueStage
 
 Put = Callable[[Any], dict[str, Any]]

@@ -6,7 +6,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from ...framework.values.arrays import Array
-from ...framework.values.sensing import MotionEstimate, Sightings, TrackedObstacle
+from ..sensing.perceived import MotionEstimate, Sightings, TrackedObstacle
 from .frames import RigidMotion
 
 GRAIN = 1e-3

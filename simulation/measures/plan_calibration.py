@@ -7,7 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.mpc.slots.between_steps import ENTERED, plan_between
+from ...controllers.slots.between_steps import ENTERED, plan_between
 from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.plan import TOLERANCE, Plan
 from ...metrics import plan as metrics
@@ -106,7 +106,7 @@ def between_steps(plans: Sequence[Plan]) -> dict[str, float]:
 
     ``between_share`` is the share of these plans with an entry deeper than 1 mm, and
     ``between_depth`` the deepest one, m; NaN where nothing is known of any plan, see
-    `wideberth.framework.mpc.slots.between_steps`.
+    `wideberth.controllers.slots.between_steps`.
     """
     found = [plan_between(plan) for plan in plans if plan.violation <= TOLERANCE]
     depths = np.array([one.max(initial=0.0) for one in found if one is not None])

@@ -10,7 +10,7 @@ from ...framework.values.arrays import BoolArray, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
-from ...framework.values.walls import box
+from ...routes.walls import box
 from .base import Cast, Placement, Scenario
 from .furnished import Furnished
 

@@ -9,7 +9,7 @@ from ...framework.values.arrays import Array, checked_choice, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
-from ...framework.values.walls import box
+from ...routes.walls import box
 from ..engine.agents import Bystander, ScriptedAgent
 from .base import PHASE, Placement, Scenario, draw_value
 

@@ -7,7 +7,7 @@ import numpy as np
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon, separation
-from ...framework.values.walls import box
+from ...routes.walls import box
 
 DRAWS = 1000
 """Tries to place one body before the ranges are said to leave no room."""

@@ -9,10 +9,10 @@ from typing import ClassVar, Literal, TypeAlias, final
 import numpy as np
 
 from ...framework.plugins.io import expanded
-from ...framework.tracking.recordings import Recording, read_tracks
 from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
+from ...predictors.data.recordings import Recording, read_tracks
 from ..engine.agents import Bystander, ReplayAgent
 from .base import Cast, Placement, Scenario
 

@@ -1,1 +1,1 @@
-"""Sensing: detections of other agents and localisation."""
+"""Sensing: detections of other agents, localisation, and what robots perceive for themselves."""

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
-from ...framework.programs import Program, c_source
+from ...framework.programs import Program
 from ...framework.values.arrays import Array, address
 from ...framework.values.errors import WideberthError
+from ..c_text import c_source
 from .compile_once import compile_once
 from .kernels import Kernels, build, slot_name
 from .workspace import KernelTable, KindTable, ProblemTable, Workspace, shape_of

@@ -158,7 +158,9 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
                 if others is not None and one.status is Status.SOLVED:
                     others.add(one)
             for guess in guesses:
-                found = self._one(problem, parameters, guess, deadline, space, begin, others)
+                (found,) = self._solved(
+                    problem, [space], [parameters], [guess], begin, deadline, others
+                )
                 found = on_time(found, perf_counter() - begin, deadline)
                 solutions.append(found)
                 if others is not None and found.status is Status.SOLVED:
@@ -191,7 +193,14 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
             return [by_fatrop(problem, one, [guess], None, why)[0] for one, guess in pairs]
 
         def part(some: slice) -> list[Solution]:
-            return self._row(problem, parameters[some], guesses[some], prepared)
+            begin = perf_counter()
+            for one, guess in zip(parameters[some], guesses[some], strict=True):
+                refuse_misfits(problem, one, [guess])
+            with ExitStack() as lent:
+                spaces = [lent.enter_context(prepared.workspace(one)) for one in parameters[some]]
+                for space, one in zip(spaces, parameters[some], strict=True):
+                    space.fill(one)
+                return self._solved(problem, spaces, parameters[some], guesses[some], begin)
 
         count = len(guesses)
         threads = min(workers or cpu_count() or 1, max(count, 1))
@@ -202,59 +211,40 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
         with ThreadPoolExecutor(threads) as pool:
             return [solution for some in pool.map(part, pieces) for solution in some]
 
-    def _row(
+    def _solved(
         self,
         problem: Problem,
+        spaces: Sequence[Workspace],
         parameters: Sequence[Parameters],
         guesses: Sequence[Guess],
-        prepared: CoreProblem,
-    ) -> list[Solution]:
-        """Solve instances one after the other, in one call of the core."""
-        begin, full = perf_counter(), []
-        for one, guess in zip(parameters, guesses, strict=True):
-            refuse_misfits(problem, one, [guess])
-            full.append(with_auxiliaries(one, _with_wrapped_heading(problem, one, guess)))
-        found = []
-        with ExitStack() as lent:
-            spaces = [lent.enter_context(prepared.workspace(one)) for one in parameters]
-            warm = []
-            for space, one, guess in zip(spaces, parameters, full, strict=True):
-                space.fill(one)
-                warm.append(self._begin(problem, space, guess))
-            run_all(spaces)
-            spent = (perf_counter() - begin) / len(spaces)
-            for begun, space, one, guess in zip(warm, spaces, parameters, full, strict=True):
-                since = perf_counter() - spent
-                if begun and _failed(problem, space.ended):
-                    found.append(self._one(problem, one, guess, None, space, since, None))
-                else:
-                    found.append(self._result(problem, space, guess, 0, since))
-        return found
-
-    def _one(
-        self,
-        problem: Problem,
-        parameters: Parameters,
-        guess: Guess,
-        deadline: float | None,
-        space: Workspace,
         begin: float,
-        others: "_OtherPlans | None",
-    ) -> Solution:
-        """Call the core and read its result.
+        deadline: float | None = None,
+        others: "_OtherPlans | None" = None,
+    ) -> list[Solution]:
+        """Solve filled instances one after the other, in one call of the core, and read results.
 
-        From multipliers that lead nowhere the guess alone is taken.
+        From multipliers that lead nowhere the guess alone is taken. A deadline, or other plans,
+        are for a single instance.
         """
-        guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
-        before = 0
-        warm = self._begin(problem, space, guess, others)
-        self._run(space, begin, deadline)
-        if warm and _failed(problem, space.ended):
-            before = space.ended.iterations
-            self._begin(problem, space, replace(guess, multipliers=None), others)
-            self._run(space, begin, deadline)
-        cut = None if others is None else others.most
-        return self._result(problem, space, guess, before, begin, cut)
+        full = [
+            with_auxiliaries(one, _with_wrapped_heading(problem, one, guess))
+            for one, guess in zip(parameters, guesses, strict=True)
+        ]
+        warm = [
+            self._begin(problem, space, guess, others)
+            for space, guess in zip(spaces, full, strict=True)
+        ]
+        _run(spaces, begin, deadline)
+        spent, found = (perf_counter() - begin) / len(spaces), []
+        for begun, space, guess in zip(warm, spaces, full, strict=True):
+            since, before = perf_counter() - spent, 0
+            if begun and _failed(problem, space.ended):
+                before = space.ended.iterations
+                self._begin(problem, space, replace(guess, multipliers=None), others)
+                _run([space], since, deadline)
+            cut = None if others is None else others.most
+            found.append(self._result(problem, space, guess, before, since, cut))
+        return found
 
     def _begin(
         self,
@@ -305,13 +295,6 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
         words, spent = _words(status, ended), perf_counter() - begin
         point = Guess(states, inputs, own, level, slack, known)
         return Solution(point, status, words, cost, before + ended.iterations, spent)
-
-    def _run(self, space: Workspace, begin: float, deadline: float | None) -> None:
-        """Call the core on what the arrays hold."""
-        if deadline is None:
-            space.run()
-        else:
-            _until(begin + deadline, space)
 
     def _prepared(self, problem: Problem) -> CoreProblem:
         return core_problem(problem, self.compile)
@@ -434,6 +417,16 @@ def with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
     found = [one if one.shape == other.shape else other for one, other in pairs]
     own = tuple(found)
     return Guess(guess.states, guess.inputs, own, guess.level, guess.slack, guess.multipliers)
+
+
+def _run(spaces: Sequence[Workspace], begin: float, deadline: float | None) -> None:
+    """Call the core on what the arrays hold; a deadline is for a single workspace."""
+    if deadline is not None:
+        _until(begin + deadline, spaces[0])
+    elif len(spaces) == 1:
+        spaces[0].run()
+    else:
+        run_all(spaces)
 
 
 def _until(end: float, space: Workspace) -> None:

@@ -22,7 +22,7 @@ def arenas(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stand where the scripts stand: they import each other by their plain names."""
     for folder in (ROOT / "benchmarks", ARENAS):
         monkeypatch.syspath_prepend(str(folder))
-    modules = ("arms", "run_robot_sf", "robot_sf_arm")
+    modules = ("run_robot_sf", "robot_sf_arm")
     return SimpleNamespace(**{name: import_module(name) for name in modules})
 
 
@@ -56,7 +56,7 @@ ROWS = {
 
 
 def test_ends_of_episodes_are_counted(arenas: SimpleNamespace) -> None:
-    ours, orca = arenas.arms.counts(ROWS)
+    ours, orca = arenas.run_robot_sf.counts(ROWS)
     ends = "success", "begin in contact", "hit a wall", "hit a person", "timeout"
     assert [ours[end] for end in ends] == [3, 1, 0, 0, 1]
     assert [orca[end] for end in ends] == [2, 1, 1, 1, 0]
@@ -65,19 +65,19 @@ def test_ends_of_episodes_are_counted(arenas: SimpleNamespace) -> None:
 
 def test_pairs_hold_the_same_cases_alone(arenas: SimpleNamespace) -> None:
     fewer = {**ROWS, "orca": {key: ROWS["orca"][key] for key in list(ROWS["orca"])[:3]}}
-    (found,) = arenas.arms.pairs(fewer, "ours")
+    (found,) = arenas.run_robot_sf.pairs(fewer, "ours")
     assert (found["episodes"], found["ours"], found["its"]) == (3, 3, 1)
     assert (found["ours alone"], found["it alone"]) == (2, 0)
     assert found["p"] == pytest.approx(0.5)
     assert found["longer_s"] == pytest.approx(-1.0)
-    by_name = {one["scenario"]: one for one in arenas.arms.by_scenario(ROWS, "ours")}
+    by_name = {one["scenario"]: one for one in arenas.run_robot_sf.by_scenario(ROWS, "ours")}
     assert by_name["wall"] == {
         "scenario": "wall", "ours": "0 of 2", "orca": "1 of 2", "p, orca": 1.0
     }  # fmt: skip
 
 
 def test_failures_are_grouped_with_their_seeds(arenas: SimpleNamespace) -> None:
-    found = arenas.arms.failures(ROWS["orca"])
+    found = arenas.run_robot_sf.failures(ROWS["orca"])
     assert [(one["how"], one["seeds"]) for one in found] == [
         ("collision person", "3"),
         ("collision wall", "2"),
@@ -94,14 +94,16 @@ def test_rows_come_back_and_shipped_ones_are_compared(
             own = {"arm": arm, "scenario": name, "seed": seed, **one}
             case.file(tmp_path).parent.mkdir(exist_ok=True)
             write_text(case.file(tmp_path), json.dumps(own))
-    read = arenas.arms.read(tmp_path, [1, 2])
+    read = arenas.run_robot_sf.read(tmp_path, [1, 2])
     assert set(read["ours"]) == {key for key in ROWS["ours"] if key[1] < 3}
     shipped = tmp_path / "rows.csv"
     shipped.write_text(
         "planner_key,scenario_id,seed,success,collision\n"
         "orca,door,1,1.0,0.0\norca,door,2,0.0,1.0\norca,wall,2,0.0,0.0\nppo,door,1,0.0,1.0\n"
     )
-    found = arenas.arms.agreement(read["orca"], arenas.arms.shipped_rows(shipped, "orca"))
+    found = arenas.run_robot_sf.agreement(
+        read["orca"], arenas.run_robot_sf.shipped_rows(shipped, "orca")
+    )
     assert (found["episodes"], found["alike"], found["others"]) == (3, 2, "wall 2")
 
 
@@ -200,7 +202,7 @@ def test_the_page_says_what_the_rows_say(arenas: SimpleNamespace) -> None:
             for one in rows
             if one["arm"] == arm
         }
-        (found,) = arenas.arms.counts({arm: cases})
+        (found,) = arenas.run_robot_sf.counts({arm: cases})
         ends = "success", "share", "begin in contact", "hit a wall", "hit a person", "timeout"
         cells = [name, "1440", *(str(found[end]) for end in ends)]
         assert f"| {' | '.join(cells)} |" in page

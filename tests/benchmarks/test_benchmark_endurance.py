@@ -26,7 +26,7 @@ def endurance(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def test_decisions_with_a_deadline(endurance: ModuleType, tmp_path: Path) -> None:
     out = str(tmp_path / "new")
-    assert import_module("run").main(["--quick", "--only", "decisions", "--out", out]) == 0
+    assert import_module("run").main(["decisions", "--quick", "--out", out]) == 0
     rows = {row["solver"]: row for row in read_table(tmp_path / "new" / "decisions.csv")}
     assert set(rows) == {"riccati", "fatrop"}
     for row in rows.values():
@@ -38,7 +38,7 @@ def test_dry_run_writes_a_row_for_each_solver(
     endurance: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = str(tmp_path / "new")
-    assert import_module("run").main(["--quick", "--only", "endurance", "--out", out]) == 0
+    assert import_module("run").main(["endurance", "--quick", "--out", out]) == 0
     rows = {row["solver"]: row for row in read_table(tmp_path / "new" / "endurance.csv")}
     assert set(rows) == {"riccati", "fatrop"}
     ends = read_table(tmp_path / "new" / "endurance_ends.csv")
@@ -55,17 +55,9 @@ def test_dry_run_writes_a_row_for_each_solver(
     assert "A robot among ten walkers" in capsys.readouterr().out
 
 
-def test_it_is_asked_by_name_alone(endurance: ModuleType) -> None:
-    questions = import_module("questions")
-    for name in ("endurance", "decisions"):
-        assert name in questions.NAMES and name not in questions.BRIEF
-
-
 def test_walkers_sway_as_they_should(endurance: ModuleType) -> None:
     """Var(v) = q tau / 2 per axis, correlated by exp(-t / tau): 4000 walkers, 5 sigma."""
-    field = import_module("walker_field").Field(
-        np.random.default_rng(0), walkers=4000, reach=1e6, pause=0.0
-    )
+    field = endurance.Field(np.random.default_rng(0), walkers=4000, reach=1e6, pause=0.0)
     for _ in range(200):
         field.advance(0.25)
     before = field.sway.copy()
@@ -79,7 +71,7 @@ def test_walkers_sway_as_they_should(endurance: ModuleType) -> None:
 
 
 def test_walkers_come_and_go(endurance: ModuleType) -> None:
-    field = import_module("walker_field").Field(np.random.default_rng(1))
+    field = endurance.Field(np.random.default_rng(1))
     seen: dict[str, list[int]] = {}
     for k in range(4000):
         field.advance(0.1)
@@ -94,7 +86,7 @@ def test_walkers_come_and_go(endurance: ModuleType) -> None:
 
 
 def test_gaps_are_between_surfaces(endurance: ModuleType) -> None:
-    field = import_module("walker_field").Field(np.random.default_rng(2), walkers=2)
+    field = endurance.Field(np.random.default_rng(2), walkers=2)
     field.place, field.away = np.array([[3.0, 4.0], [0.1, 0.0]]), np.array([0.0, 1.0])
     assert field.gaps(np.zeros(2), 0.75).tolist() == [5.0 - 0.4 - 0.75, np.inf]
 

@@ -9,21 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.benchmarks.recorded_instances import Instance
+from wideberth.benchmarks.recorded_instances import SAMPLE, Instance, paper_problem
 from wideberth.framework.values.plan import Status
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.solvers.ipopt import Ipopt
 
-ROOT = Path(__file__).resolve().parents[2]
-SAMPLE = ROOT / "tests" / "data" / "mpc_instances.npz"
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stand where the scripts stand: they import each other by their plain names."""
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    modules = ("judging", "paper_program", "peers", "perturbations", "set_ups", "solver_speed")
-    modules += ("hard_set", "solver_tables")
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    modules = ("paper_program", "set_ups", "solver_speed")
     return SimpleNamespace(**{name: import_module(name) for name in modules})
 
 
@@ -39,16 +37,16 @@ def test_paper_s_program_is_the_assembled_problem(
 ) -> None:
     """Two programs, written apart, have the same optimum."""
     for instance in instances[:: 2 if graph == "mx" else 1]:
-        problem = bench.set_ups.paper_problem("mahalanobis_ellipse", instance.obstacles)
+        problem = paper_problem("mahalanobis_ellipse", instance.obstacles)
         given = problem, instance.parameters, [instance.guess]
         (own,) = bench.paper_program.PaperProgram(graph, 1e-9).solve(*given)
         (other,) = Ipopt(tolerance=1e-9).solve(*given)
         assert own.status is other.status is Status.SOLVED
         assert own.cost == pytest.approx(other.cost, rel=1e-6)
-        assert bench.judging.judged(instance, "mahalanobis_ellipse", own)["violation"] < 1e-7
+        assert bench.solver_speed.judged(instance, "mahalanobis_ellipse", own)["violation"] < 1e-7
 
 
-PEERS = ("do-mpc", "acados", "alpaqa", "sqpmethod, piqp", "sqpmethod, qpoases", "sqpmethod, osqp")
+PEERS = ("do-mpc", "acados", "sqpmethod, piqp", "sqpmethod, qpoases", "sqpmethod, osqp")
 
 
 @pytest.mark.parametrize("name", PEERS)
@@ -56,20 +54,20 @@ def test_peers_find_the_optimum(
     name: str, bench: SimpleNamespace, instances: list[Instance]
 ) -> None:
     """Their plans on an easy instance keep the constraints and cost what IPOPT's costs."""
-    if name in bench.peers.missing():
-        pytest.skip(f"{name}: {bench.peers.missing()[name]}")
-    peer = bench.peers.peers(1e-6)[name]
-    problem = bench.set_ups.paper_problem("mahalanobis_ellipse", instances[0].obstacles)
+    if name in bench.set_ups.missing():
+        pytest.skip(f"{name}: {bench.set_ups.missing()[name]}")
+    peer = bench.set_ups.peers(1e-6)[name]
+    problem = paper_problem("mahalanobis_ellipse", instances[0].obstacles)
     given = problem, instances[0].parameters, [instances[0].guess]
     (own,) = peer.solve(*given)
     (other,) = Ipopt(tolerance=1e-9).solve(*given)
     assert own.status is other.status is Status.SOLVED
-    assert bench.judging.judged(instances[0], "mahalanobis_ellipse", own)["violation"] < 1e-6
+    assert bench.solver_speed.judged(instances[0], "mahalanobis_ellipse", own)["violation"] < 1e-6
     assert own.cost == pytest.approx(other.cost, rel=1e-4)
 
 
 def test_every_peer_has_a_row_or_a_reason(bench: SimpleNamespace) -> None:
-    taking, missing = bench.peers.peers(1e-6), bench.peers.missing()
+    taking, missing = bench.set_ups.peers(1e-6), bench.set_ups.missing()
     assert {*taking, *missing} == set(PEERS) and not set(taking) & set(missing)
     assert set(taking) < set(bench.set_ups.set_ups())
 
@@ -82,7 +80,7 @@ def test_gauge_of_the_sum_is_one_on_its_boundary(
     for instance in instances:
         states = instance.guess.states
         point = replace(instance.guess, level=1.7)
-        gauge = bench.judging.sum_gauge(instance, point)
+        gauge = bench.solver_speed.sum_gauge(instance, point)
         level = np.full(instance.parameters.slots[0].active.shape, 1.7)
         place = states[1:, None, :2]
         apart = region.signed_distance(place, instance.parameters.slots[0].parameters, level).T
@@ -97,20 +95,17 @@ def test_every_solve_is_judged(bench: SimpleNamespace) -> None:
     candidates = {
         label: candidates[label] for label in ("paper_mx", "ipopt_sx", "fatrop", "ipopt")
     }
-    instances = bench.solver_speed.by_region(SAMPLE, 2, candidates)
-    seen: list[str] = []
-    solves = bench.solver_speed.measure(candidates, instances, 2, seen.append)
-    plain = instances["mahalanobis_ellipse"]
-    assert len(seen) == bench.solver_speed.steps(candidates, plain, 2)
+    instances = {"mahalanobis_ellipse": bench.solver_speed.chosen(SAMPLE, 2)}
+    solves = bench.solver_speed.measure(candidates, instances, 2)
     assert len(solves) == 2 * 2 * len(candidates)
-    for row in bench.solver_tables.quality(solves):
+    for row in bench.solver_speed.quality(solves):
         assert row["converged"] == row["both_1e-6"] == row["gap_below_1e-3"] == 1.0
-    for row in bench.solver_tables.times(solves):
+    for row in bench.solver_speed.times(solves):
         assert row["median_ms"] <= row["p95_ms"] <= row["p99_ms"] <= row["max_ms"]
-    paper, honest = bench.solver_tables.speedups(solves)[:2]
+    paper, honest = bench.solver_speed.speedups(solves)[:2]
     assert paper["paper_mx_of_medians"] == paper["paper_mx_each"] == 1.0
     assert honest["ipopt_sx_each_p5"] == honest["ipopt_sx_each_p95"] == 1.0
-    inside = bench.solver_tables.quality([{**row, "violation": 1e-5} for row in solves])
+    inside = bench.solver_speed.quality([{**row, "violation": 1e-5} for row in solves])
     assert all(row["both_1e-6"] == 0.0 and row["both_1e-4"] == 1.0 for row in inside)
 
 
@@ -124,7 +119,7 @@ def solve(label: str, instance: int, **changes: Any) -> dict[str, Any]:
         "violation": 0.0,
         "best_known": np.nan,
     }
-    row |= {"driven_motion": 0.0, "driven_entered": 0.0}
+    row |= {"iterations": 3}
     return row | changes
 
 
@@ -134,43 +129,9 @@ def test_best_cost_is_that_of_a_feasible_plan(bench: SimpleNamespace) -> None:
         solve("b", 0, cost=3.0, violation=1e-5),  # cheaper, and through the region
         solve("c", 0, cost=4.0),
     ]
-    best = bench.solver_tables.best_costs(solves)
+    best = bench.solver_speed.best_costs(solves)
     assert best == {("minkowski_sum", 0): 4.0}
-    gaps = bench.solver_tables.gaps([solves[0]], best)
-    assert gaps["gap_max"] == pytest.approx(0.2) and gaps["gap_below_1e-3"] == 0.0
+    rows = {row["set-up"]: row for row in bench.solver_speed.quality(solves)}
+    assert rows["a"]["gap_max"] == pytest.approx(0.2) and rows["a"]["gap_below_1e-3"] == 0.0
     recorded = [{**row, "region": "mahalanobis_ellipse", "best_known": 2.0} for row in solves]
-    assert bench.solver_tables.best_costs(recorded) == {("mahalanobis_ellipse", 0): 2.0}
-
-
-def test_hard_instances_count_where_a_feasible_point_is_known(bench: SimpleNamespace) -> None:
-    failed = {"solved": False, "violation": 0.3, "driven_entered": 0.3}
-    solves = [
-        solve("a", 0), solve("b", 0, **failed),
-        solve("a", 1, **failed), solve("b", 1, **failed, ms=900.0),
-        solve("a", 2, **failed, best_known=7.0), solve("b", 2, solved=False, driven_motion=9.0),
-    ]  # fmt: skip
-    solves[3]["driven_entered"] = 0.1
-    assert bench.hard_set.feasible(solves) == {0, 2}
-    a, b = bench.hard_set.by_kind(solves)
-    assert (a["instances"], a["known"], a["solved_1e-6"]) == (3, 2, 0.5)
-    assert (b["solved_1e-4"], b["max_ms"]) == (0.0, 900.0)
-    known, other, *rest = bench.hard_set.safe(solves)
-    assert (known["drivable"], known["excess_max"]) == (1.0, 0.0)
-    assert (other["drivable"], other["excess_max"]) == (0.5, pytest.approx(0.3))
-    unknown = {row["set-up"]: row for row in rest}
-    assert unknown["a"]["excess_max"] == pytest.approx(0.2)
-    assert unknown["b"]["before_450_ms"] == 0.0
-
-
-def test_what_failed_is_driven_within_the_limits(
-    bench: SimpleNamespace, instances: list[Instance]
-) -> None:
-    rng = np.random.default_rng(3)
-    wild = replace(instances[0].guess, inputs=rng.normal(size=(15, 2)), level=2.0)
-    driven = bench.judging.driven(instances[0], wild)
-    assert np.abs(driven.inputs).max(axis=0) == pytest.approx((0.7, 0.1))
-    still = replace(driven, states=np.clip(driven.states, -1e3, 1e3))
-    bare = replace(instances[0], ellipses=tuple(part[:0] for part in instances[0].ellipses))
-    motion, entered = bench.judging.broken(bare, "mahalanobis_ellipse", still)
-    over = max(np.abs(driven.states[1:, 3]).max() - 0.7, np.abs(driven.states[1:, 4]).max() - 0.3)
-    assert motion == pytest.approx(max(over, 0.0), abs=1e-12) and entered == 0.0
+    assert bench.solver_speed.best_costs(recorded) == {("mahalanobis_ellipse", 0): 2.0}

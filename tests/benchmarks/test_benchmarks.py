@@ -1,9 +1,6 @@
-"""The benchmarks' dry run writes its tables; how they boil times down has oracles."""
+"""The benchmarks' dry runs write their tables; how they boil times down has oracles."""
 
 import doctest
-import os
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -13,147 +10,88 @@ import pytest
 
 from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.framework import names
-from wideberth.framework.plugins.registry import load
-from wideberth.framework.predictor import Adaptive, Filtering
 
 FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Path:
+def run(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Stand where the scripts stand: they import each other by their plain names."""
-    monkeypatch.syspath_prepend(str(FOLDER))
-    return FOLDER
-
-
-@pytest.fixture
-def threads(bench: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Have the number of threads set already, which importing the run would change."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # set where the run is imported
         monkeypatch.setenv(name, "1")
-    return bench
+    monkeypatch.syspath_prepend(str(FOLDER))
+    return import_module("run")
 
 
 @pytest.fixture
-def measuring(bench: Path) -> ModuleType:
+def measuring(run: ModuleType) -> ModuleType:
     return import_module("measuring")
 
 
-def start(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, str(FOLDER / "run.py"), *arguments]
-    environment = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
-    return subprocess.run(
-        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=900
-    )
+TABLES = {
+    "solvers": {"solves", "solvers", "speedups", "quality", "obstacles", "kinds", "spread"},
+    "scaling": {"scaling_solves", "scaling", "slopes"},
+    "tracking": {"tracking"},
+    "nav2": {"nav2"},
+}
 
 
-def test_dry_run_writes_and_prints_every_table(tmp_path: Path, bench: Path) -> None:
+@pytest.mark.parametrize("question", TABLES)
+def test_dry_run_writes_and_prints_every_table(
+    question: str, run: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "deep" / "bench"
-    done = start("--quick", "--out", str(out), cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert run.main([question, "--quick", "--out", str(out)]) == 0
     tables = {path.stem: read_table(path) for path in out.glob("*.csv")}
-    raw = {"solves", "hard_solves", "scaling_solves"}
-    unable = import_module("exported").missing()  # no compiler, or no object that fits
-    assert set(tables) - raw | ({"export"} if unable else set()) == {
-        "startup", "solvers", "speedups", "quality", "obstacles", "hard", "safe", "scaling",
-        "slopes", "plugins", "plugin_totals", "batches", "predictors", "risks", "stages",
-        "threads", "export", "targets", "whole", "crowds", "tracking", "nav2",
-    }  # fmt: skip
-    assert raw < set(tables)
-    for name in ("times", "growth", "hard", "stages"):
-        assert (out / f"bench_{name}.png").exists() and (out / f"bench_{name}.pdf").exists()
+    lacking = import_module("set_ups").missing() if question == "solvers" else {}
+    assert set(tables) == TABLES[question] | ({"peers"} if lacking else set())
     text = (out / "bench.md").read_text(encoding="utf-8")
-    assert "Machine:" in text and "Spread:" in text
+    assert "Machine:" in text and text in capsys.readouterr().out
+    assert all(f"| {name} | {why} |" in text for name, why in lacking.items())
     for name, rows in tables.items():
         assert rows, name
-        if name not in raw:
+        if name not in ("solves", "scaling_solves"):
             assert "| " + " | ".join(rows[0]) + " |" in text
-        for row in rows:
-            times = [row[key] for key in ("ms", "median_ms", "ratio") if key in row]
-            idle = name == "stages" and not row["calls"]  # see below
-            assert all(0 < value < np.inf or idle for value in times)
-    set_ups = {row["set-up"] for row in tables["solvers"]}
-    assert {"paper_mx", "paper_mx, 450 ms", "ipopt_sx"} < set_ups
+        assert all(0 < row[key] < np.inf for row in rows for key in ("ms", "median_ms")
+                   if key in row)  # fmt: skip
     solvers = set(names("solvers"))
-    assert {*solvers, *(f"{name}, exact" for name in solvers)} < set_ups
-    peers = import_module("peers")
-    assert set(peers.peers(1e-6)) < set_ups  # all that are installed here
-    assert all(f"{name} ({why})" in text for name, why in peers.missing().items())
-    assert len({row["kind"] for row in tables["hard"]}) == 9
-    for name in ("plugins", "scaling"):
-        key = "solver" if name == "plugins" else "set-up"
-        assert {row[key] for row in tables[name]} == solvers
-    assert {row["predictor"] for row in tables["predictors"]} == set(names("predictors"))
-    updated = {row["predictor"] for row in tables["predictors"] if row["call"] == "update"}
-    adaptive = {n for n in names("predictors") if issubclass(load("predictors", n), Adaptive)}
-    assert updated == adaptive and "adaptive_conformal" in adaptive
-    decided = {row["predictor"] for row in tables["predictors"] if row["call"] == "decision"}
-    filtering = {n for n in names("predictors") if issubclass(load("predictors", n), Filtering)}
-    assert decided == filtering and {"adaptive_conformal", "kalman"} < filtering
-    assert {row["target"] for row in tables["risks"]} == {None, 1e5}
-    assert all(row["per_second_per_core"] > 0 for row in tables["risks"])
-    assert unable in text and all(row["equal"] for row in tables.get("export", ()))
-    assert [(row["predictor"], row["seen"]) for row in tables["whole"]] == [
-        (predictor, seen) for predictor in ("recommended", "kalman") for seen in (1, 3, 10, 40)
-    ]
-    assert sum(row["share"] for row in tables["stages"]) == pytest.approx(len(tables["whole"]))
-    idle = {(row["predictor"], row["stage"]) for row in tables["stages"] if not row["share"]}
-    assert idle == {("kalman", "calibration")}  # so is a function that is no longer called
-    assert "wideberth --help" in {row["command"] for row in tables["startup"]}
-    assert "wideberth --help" in done.stdout and str(out.name) in done.stdout
-    assert not list(tmp_path.glob("*.csv"))  # nothing beside the folder that was named
+    if question == "solvers":
+        peers = set(import_module("set_ups").peers(1e-6))
+        assert {row["set-up"] for row in tables["solvers"]} == {
+            "paper_mx", "paper_mx, 450 ms", "ipopt_sx", "riccati, several starts",
+            *peers, *solvers, *(f"{name}, exact" for name in solvers),
+        }  # fmt: skip
+    if question == "scaling":
+        assert {row["set-up"] for row in tables["scaling"]} == solvers
 
 
-def test_stages_of_a_decision_are_functions(bench: Path) -> None:
-    decision = import_module("decision")
-    for name in [name for names_ in decision.STAGES.values() for name in names_]:
-        owner, attribute, function = decision.stage_function(name)
-        assert callable(getattr(owner, attribute)), name
-        assert getattr(function, "__func__", function).__name__ == attribute
-    with pytest.raises(KeyError):
-        decision.stage_function("predictors.core.kalman_filter:roll_out")
-
-
-def test_one_drive_of_each_predictor_has_its_own_forecasts(bench: Path) -> None:
-    """The recommended planner is the one of the README, and `kalman` differs in its predictor."""
-    decision = import_module("decision")
-    drives = {name: decision.Drive(name, 1, 0) for name in decision.PREDICTORS}
-    kinds = {name: type(drive.planner.predictor).__name__ for name, drive in drives.items()}
-    assert kinds == {"recommended": "AdaptiveConformal", "kalman": "Kalman"}
-    shares = decision.Shares()
-    with decision.timers(shares):
-        taken, (_, plan) = drives["recommended"].decide(shares)
-    assert taken > 0.0 and plan.forecast is not None
-    assert all(shares.calls[stage] for stage in ("filter", "forecast", "calibration"))
-
-
-def test_one_question_alone(threads: Path, tmp_path: Path) -> None:
-    out = str(tmp_path / "new")
-    assert import_module("run").main(["--quick", "--only", "risks", "--out", out]) == 0
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
-        "bench.md",
-        "risks.csv",
-    ]
+def test_hard_instances_are_solved_like_the_others(run: ModuleType, tmp_path: Path) -> None:
+    speed, set_ups = import_module("solver_speed"), import_module("set_ups").set_ups()
+    hard = import_module("perturbations").perturb(
+        run.SAMPLE, tmp_path / "hard.npz", each=1, seed=0
+    )
+    taking = {name: set_ups[name] for name in ("paper_mx", "ipopt_sx", "riccati")}
+    solves = speed.measure(taking, {"mahalanobis_ellipse": speed.chosen(hard, None)}, 1)
+    rows = speed.divided(solves, "kind")
+    assert len({row["kind"] for row in rows}) == 9 and len(rows) == 27
+    assert len(speed.times(solves)) == 3
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("words", "error"),
     [
-        (["--instances", "nowhere.npz"], "nowhere.npz cannot be read: No such file"),
-        (["--instances", "text.npz"], "text.npz is no npz archive"),
-        (["--instances", "other.npz"], "lacks"),
-        (["--instances", "array.npy"], "array.npy is no npz archive"),
-        (["--hard", "nowhere.npz"], "nowhere.npz cannot be read: No such file"),
-        (["--hard", "text.npz"], "text.npz is no npz archive"),
-        (["--out", "text.npz"], "File exists"),
-        (["--people", "nowhere"], "nowhere is no folder"),
-        (["--rounds", "0"], "wanted a whole number of at least 1"),
+        (["solvers", "--instances", "nowhere.npz"], "nowhere.npz cannot be read: No such file"),
+        (["solvers", "--instances", "text.npz"], "text.npz is no npz archive"),
+        (["solvers", "--instances", "other.npz"], "lacks"),
+        (["solvers", "--instances", "array.npy"], "array.npy is no npz archive"),
+        (["solvers", "--out", "text.npz"], "File exists"),
+        (["tracking", "--people", "nowhere"], "nowhere is no folder"),
     ],
 )
 def test_bad_input_ends_before_the_work(
-    arguments: list[str],
-    words: str,
-    threads: Path,
+    words: list[str],
+    error: str,
+    run: ModuleType,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -162,15 +100,9 @@ def test_bad_input_ends_before_the_work(
     (tmp_path / "text.npz").write_text("not an archive")
     np.savez(tmp_path / "other.npz", count=np.ones(3))
     np.save(tmp_path / "array.npy", np.ones(3))
-    before = sorted(tmp_path.iterdir())
-    out = [] if "--out" in arguments else ["--out", "new"]
-    try:
-        code = import_module("run").main([*arguments, *out])
-    except SystemExit as left:  # as argparse does
-        code = left.code
-    assert code == 2
-    assert words in capsys.readouterr().err
-    assert sorted(tmp_path.iterdir()) == before
+    assert run.main(words if "--out" in words else [*words, "--out", "new"]) == 2
+    assert error in capsys.readouterr().err
+    assert not list(tmp_path.glob("**/*.csv"))
 
 
 def test_speedup_pairs_the_same_work(measuring: ModuleType) -> None:
@@ -186,11 +118,6 @@ def test_speedup_pairs_the_same_work(measuring: ModuleType) -> None:
 def test_slope_is_the_exponent(measuring: ModuleType) -> None:
     sizes = [1, 5, 10, 20, 50, 100]
     assert measuring.slope(sizes, [3.0 * size**1.3 for size in sizes]) == pytest.approx(1.3)
-
-
-def test_brief_takes_the_least_disturbed_repeat(measuring: ModuleType) -> None:
-    found = measuring.brief([4.0, 2.0, 90.0], [1.0, 8.0])
-    assert found == {"median_ms": 4.0, "best_ms": 2.0, "ratio": 2.0}
 
 
 def test_spread_of_a_known_sample(measuring: ModuleType) -> None:

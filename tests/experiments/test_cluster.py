@@ -11,7 +11,7 @@ from types import ModuleType
 import pytest
 
 from wideberth.experiments.engine import dask_pool as module
-from wideberth.experiments.engine.dask_pool import Scheduler, reached
+from wideberth.experiments.engine.dask_pool import Cluster
 from wideberth.experiments.engine.runner import run
 from wideberth.framework.values.errors import WideberthError
 
@@ -85,7 +85,7 @@ def test_workers_with_another_environment_are_refused_before_any_work(
 
         def refusal() -> str:
             with pytest.raises(WideberthError) as caught:
-                run(sweeps.coins(), tmp_path / "r", scheduler=Scheduler(cluster.address))
+                run(sweeps.coins(), tmp_path / "r", scheduler=cluster.address)
             cluster.workers[-1].kill()
             cluster.workers[-1].wait()
             assert not (tmp_path / "r").exists()
@@ -109,7 +109,7 @@ def test_a_task_that_ends_its_workers_is_named(tmp_path: Path, sweeps: ModuleTyp
     ) as cluster:
         experiment = sweeps.deadly(tmp_path, deadly=0, lives=99)
         with pytest.raises(WideberthError, match=r"'seed 0' ends every worker.*lost with it: 1"):
-            run(experiment, tmp_path / "r", scheduler=Scheduler(cluster.address))
+            run(experiment, tmp_path / "r", scheduler=cluster.address)
     assert len(list(tmp_path.glob("death-*"))) <= 2  # on another one, once more
 
 
@@ -117,7 +117,7 @@ def test_a_scheduler_that_does_not_answer_costs_nothing(
     tmp_path: Path, sweeps: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_PATIENCE", 0.3)
-    silent = Scheduler("tcp://127.0.0.1:9")
+    silent = "tcp://127.0.0.1:9"
     with pytest.raises(
         WideberthError, match=r"no scheduler answers at tcp://127.0.0.1:9 .*nothing"
     ):
@@ -132,34 +132,28 @@ def test_a_scheduler_that_does_not_answer_costs_nothing(
 @pytest.mark.parametrize("address", ["127.0.0.1:8786", "http://h:1", "tcp://h", "tcp://h:x", ""])
 def test_addresses(address: str) -> None:
     with pytest.raises(WideberthError, match=r"wanted tcp://HOST:PORT or tls://HOST:PORT"):
-        Scheduler(address)
+        Cluster(address, b"")
 
 
-def test_options_are_checked_before_anything_is_reached(
-    tmp_path: Path, sweeps: ModuleType
-) -> None:
-    file = tmp_path / "f.pem"
-    file.write_text("no certificate")
-    assert reached(None) is None
-    assert reached("tcp://h:1") == Scheduler("tcp://h:1")
-    with pytest.raises(WideberthError, match=r"with --scheduler"):
-        reached(None, ca=file)
-    with pytest.raises(WideberthError, match=r"use tls://"):
-        Scheduler("tcp://h:1", ca=file, cert=file)
-    with pytest.raises(WideberthError, match=r"wanted ca and cert"):
-        Scheduler("tls://h:1", ca=file)
-    with pytest.raises(WideberthError, match=r"tls key: there is no file"):
-        Scheduler("tls://h:1", ca=file, cert=file, key=tmp_path / "none.pem")
-    with pytest.raises(WideberthError, match=r"TLS files are of no use"):
-        Scheduler("tls://h:1", ca=file, cert=file).security()
-    with pytest.raises(WideberthError, match=r"wants certificates: name them with --tls-ca"):
-        Scheduler("tls://h:1").security()
+def test_a_scheduler_has_workers_of_its_own(tmp_path: Path, sweeps: ModuleType) -> None:
     with pytest.raises(WideberthError, match=r"workers is 2, and a scheduler has its own"):
-        run(sweeps.coins(), tmp_path / "r", workers=2, scheduler=Scheduler("tcp://h:1"))
+        run(sweeps.coins(), tmp_path / "r", workers=2, scheduler="tcp://h:1")
+
+
+def test_tls_without_certificates_is_one_message(
+    tmp_path: Path, sweeps: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_PATIENCE", 0.3)
+    with pytest.raises(WideberthError, match=r"that Dask's config names the certificates"):
+        run(sweeps.coins(), tmp_path / "r", scheduler="tls://127.0.0.1:9")
+    assert not (tmp_path / "r").exists()
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes certificates with openssl")
 def test_tls(tmp_path: Path, sweeps: ModuleType) -> None:
+    """Dask's own config names the files."""
+    import dask
+
     for command in (
         "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=ca -keyout ca.key -out ca.pem",
         "req -newkey rsa:2048 -nodes -subj /CN=cluster -keyout own.key -out own.csr",
@@ -172,6 +166,9 @@ def test_tls(tmp_path: Path, sweeps: ModuleType) -> None:
     files = ("--tls-ca-file", str(ca), "--tls-cert", str(cert), "--tls-key", str(key))
     with sweeps.dask_cluster(tmp_path, 1, ("--protocol", "tls", *files)) as cluster:
         assert cluster.address.startswith("tls://")
-        run(sweeps.coins(), tmp_path / "r", scheduler=Scheduler(cluster.address, ca, cert, key))
+        tls = {"tls.ca-file": ca, "tls.client.cert": cert, "tls.client.key": key}
+        named = {f"distributed.comm.{name}": str(file) for name, file in tls.items()}
+        with dask.config.set(named):
+            run(sweeps.coins(), tmp_path / "r", scheduler=cluster.address)
     run(sweeps.coins(), tmp_path / "one")
     assert sweeps.contents(tmp_path / "r") == sweeps.contents(tmp_path / "one")

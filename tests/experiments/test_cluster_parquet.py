@@ -102,7 +102,7 @@ def test_without_the_extra_nothing_is_begun(
     monkeypatch.setitem(sys.modules, "distributed", None)
     module = importlib.import_module("wideberth.experiments.engine.dask_pool")
     with pytest.raises(WideberthError, match=r"pip install 'wideberth\[cluster\]'"):
-        module.Cluster(module.Scheduler("tcp://127.0.0.1:9"), b"")
+        module.Cluster("tcp://127.0.0.1:9", b"")
 
 
 def test_dask_is_silent_as_long_as_we_speak_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,7 +112,7 @@ def test_dask_is_silent_as_long_as_we_speak_for_it(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(module.Cluster, "_compare", lambda self: None)
     logs = [logging.getLogger(f"distributed.{name}") for name in ("client", "batched")]
     before = [log.level for log in logs]
-    cluster = module.Cluster(module.Scheduler("tcp://127.0.0.1:9"), b"")
+    cluster = module.Cluster("tcp://127.0.0.1:9", b"")
     assert not any(log.isEnabledFor(logging.ERROR) for log in logs)
     cluster.close()
     assert [log.level for log in logs] == before

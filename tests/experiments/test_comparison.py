@@ -9,7 +9,7 @@ import pytest
 
 from wideberth.controllers.withdrawing import Withdrawing
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.engine.column_descriptions import column_descriptions
+from wideberth.experiments.engine.column_descriptions import column_texts
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.agility import AGILITY, agile
@@ -219,7 +219,7 @@ def test_first_contacts_are_counted_by_kind_and_described(rows: list[Row]) -> No
     assert own[2]["avoidable_2s"] is True and np.isnan(own[0]["avoidable_2s"])
     beginnings = ("contact_", "avoidable_", "level_held_", "forecast_", "plan_")
     names = [name for name in (*own[0], *condensed(own)) if name.startswith(beginnings)]
-    assert len(names) > 50 and set(names) <= set(column_descriptions("comparison", names))
+    assert len(names) > 50 and set(names) <= set(column_texts("comparison"))
 
 
 def test_a_controller_gets_the_robot_that_it_drives(gate: Comparison) -> None:

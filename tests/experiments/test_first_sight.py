@@ -21,11 +21,11 @@ from wideberth.experiments.studies.first_sight import (
 )
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.tracking.noise import USUAL
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.data.recordings import Recording
 
 DT = 0.4
 

@@ -19,11 +19,11 @@ from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import load_plugin
 from wideberth.framework.plugins.registry import ROOMS, register
 from wideberth.framework.predictor import Fittable
-from wideberth.framework.tracking.recordings import read_tracks
-from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.data.recordings import read_tracks
+from wideberth.predictors.data.windows import cut_windows
 from wideberth.predictors.static import Static
 
 CROWD = str(DATA / "crowd.txt")

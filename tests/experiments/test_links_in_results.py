@@ -99,13 +99,12 @@ def read(out: Path) -> None:
 ACTIONS: dict[str, Callable[[Path], object]] = {
     "run": lambda out: run(coins(seeds=1), out),
     "resume": resumed,
-    "extend": lambda out: run(coins(seeds=2), out),
     "another config": lambda out: run(coins(throws=7), out),
     "fresh": lambda out: run(coins(seeds=1), out, fresh=True),
     "figures": draw,
     "show": lambda out: app._show(out),
     "show columns": lambda out: (extract(out), extract(out, ["seconds"]), answers(out)),
-    "report": lambda out: report([out], out.parent / "report.html"),
+    "report": lambda out: report([out], out.parent / "report.md"),
     "parquet": write_parquet,
     "read": read,
     "play": find_episodes,
@@ -158,7 +157,7 @@ def test_a_link_is_named_and_the_message_says_what_to_do(tmp_path: Path, name: s
     shutil.move(out / name, tmp_path / "elsewhere")
     (out / name).symlink_to(tmp_path / "elsewhere")
     with pytest.raises(WideberthError, match=rf"a/{name} is a symbolic link.*move the link away"):
-        report([out], tmp_path / "report.html")
+        report([out], tmp_path / "report.md")
         resumed(out)  # a report needs no file of a task
 
 
@@ -166,7 +165,7 @@ def test_the_folder_of_a_result_may_be_a_link(tmp_path: Path) -> None:
     finished(tmp_path / "a")
     (tmp_path / "link").symlink_to("a")
     assert len(open_result(tmp_path / "link").rows) == 1
-    assert report([tmp_path / "link"], tmp_path / "report.html")
+    assert report([tmp_path / "link"], tmp_path / "report.md")
     draw(tmp_path / "link")
 
 

@@ -16,12 +16,12 @@ from wideberth.experiments.studies.prediction_benchmark import PredictionBenchma
 from wideberth.experiments.studies.prediction_data import PredictionData, SceneFiles
 from wideberth.experiments.studies.prediction_windows import Protocol, moments, window_places
 from wideberth.framework.predictor import Adaptive, Fittable, Predictor
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
+from wideberth.predictors.data.recordings import Recording
 
 SMALL = Protocol(observed=3, predicted=4, draws=19)
 

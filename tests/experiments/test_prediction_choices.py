@@ -20,12 +20,12 @@ from wideberth.experiments.studies.prediction_data import (
 from wideberth.experiments.studies.prediction_windows import Protocol, shown_windows
 from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.predictor import Fittable, Predictor
-from wideberth.framework.tracking.recordings import Recording, usual_speed
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
+from wideberth.predictors.data.recordings import Recording, usual_speed
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.single_gaussian import SingleGaussian
 

@@ -8,8 +8,8 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.column_descriptions import (
-    column_descriptions,
     column_meanings,
+    column_texts,
     defined_columns,
     shares,
 )
@@ -23,7 +23,6 @@ from wideberth.experiments.engine.extract import (
     of_rows,
 )
 from wideberth.experiments.engine.text_tables import headed, main_columns, print_table
-from wideberth.experiments.report.tables import html_table
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.episode_statistics import against, condensed
 from wideberth.framework.plugins.registry import load, names
@@ -186,8 +185,8 @@ def test_a_meaning_stands_alone() -> None:
         ("infeasible_successors_per_10000", "lowered_successors_per_10000"),
         ("success_low", "collision_low"), ("coverage", "coverage_last"),
     ]  # fmt: skip
-    found = column_descriptions("comparison", [name for pair in apart for name in pair])
-    assert all(found[one].text != found[other].text for one, other in apart)
+    found = column_texts("comparison")
+    assert all(found[one] != found[other] for one, other in apart)
     elsewhere = re.compile(
         r"^(the same\b(?! as)|its rung|those )|\b(that|these|those) "
         r"(share|difference|clearance|maximum|regions|outcomes|reasons|areas|errors|seeds)\b"
@@ -241,14 +240,6 @@ def test_a_cell_that_holds_nothing_is_a_dash(capsys: pytest.CaptureFixture[str])
     line = next(line for line in capsys.readouterr().out.splitlines() if "ours" in line)
     cells = [cell.strip() for cell in line.split("│")[1:-1]]
     assert cells == ["ours", "\u2013", "\u2013", "True"]
-
-
-def test_a_report_writes_them_so_too() -> None:
-    page = html_table(
-        [ROW, ROW, {**ROW, "collisions": 2}], "one", column_descriptions("encounter", [*ROW])
-    )
-    assert "goals in time (%)" in page and '<td data-value="1.0">100</td>' in page
-    assert "collisions</button>" in page and "coverage (%)" in page and ">95.3" in page
 
 
 def test_the_rest_is_shown_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,9 +16,9 @@ from wideberth.experiments.studies.jrdb import RATE, read_jrdb
 from wideberth.experiments.studies.prediction_data import PredictionData
 from wideberth.experiments.studies.thor_magni import read_thor_magni
 from wideberth.experiments.studies.trajdata_scene import read_trajdata
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
+from wideberth.predictors.data.recordings import Recording
 
 DT = 0.4
 

@@ -23,8 +23,8 @@ from wideberth.experiments.studies.crowd import (
     guess_kind,
 )
 from wideberth.experiments.studies.replay import Replay, compare, contacts
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.errors import WideberthError
+from wideberth.predictors.data.recordings import Recording
 from wideberth.simulation.engine.agents import ReplayAgent
 
 CROWD = (DATA / "crowd.txt").read_text()

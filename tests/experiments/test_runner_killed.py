@@ -15,7 +15,6 @@ from typing import Any
 
 import pytest
 
-from wideberth.experiments.engine import runner
 from wideberth.experiments.engine.runner import run
 from wideberth.framework.values.errors import WideberthError
 
@@ -158,25 +157,6 @@ def test_workers_end_when_their_driver_is_killed(tmp_path: Path, sweeps: ModuleT
                 os.kill(pid, signal.SIGKILL)
         made.communicate()
     assert finished(tmp_path / "r") == kept  # they never write
-
-
-def test_damaged_tasks_are_done_again_and_counted(
-    tmp_path: Path, sweeps: ModuleType, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "_collect", None)
-        with pytest.raises(WideberthError, match=r"9 of 9 tasks are done and kept"):
-            run(sweeps.coins(seeds=9), tmp_path / "r")
-    found = sorted((tmp_path / "r" / "tasks").glob(24 * "[0-9a-f]"))
-    assert len(found) == 9
-    (found[0] / "rows.json").write_text("{")
-    (found[1] / "rows.json").unlink()
-    (found[2] / "times.json").write_bytes(b"")
-    next((found[3] / "files" / "seed").iterdir()).unlink()
-    run(sweeps.coins(seeds=9), tmp_path / "r")
-    assert "4 of 9 tasks of" in (said := capsys.readouterr().err) and "are damaged" in said
-    run(sweeps.coins(seeds=9), tmp_path / "whole")
-    assert sweeps.contents(tmp_path / "r") == sweeps.contents(tmp_path / "whole")
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from wideberth import build, load_plugin, open_result
+from wideberth.controllers.diagnosis.solve_record import SolveRecord, read_solve, write_solve
 from wideberth.draw.plans import kept_out
 from wideberth.experiments.engine.result import Result
-from wideberth.framework.mpc.diagnosis.solve_record import SolveRecord, read_solve, write_solve
 from wideberth.framework.plugins.config import describe, save_plugin
 from wideberth.framework.values.plan import Rung, Status
 from wideberth.simulation.log.episode_log import Episode

@@ -27,8 +27,6 @@ def test_studies_call_their_seeds_alike() -> None:
         known = {field.name: field.type for field in fields(kind)}
         assert "episodes" not in known and not ("seeds" in known and "seed" in known), name
         assert known.get("show", tuple[int, ...]) == tuple[int, ...], name
-        if "seeds" in known:
-            assert kind.growing == ("seeds",), name
 
 
 def test_every_shown_seed_is_drawn(tmp_path: Path) -> None:

@@ -43,10 +43,10 @@ def test_a_study_that_changes_the_working_folder(
         patch.setattr(Coins, method, wandering)
         run(coins(), "a")
         draw(Path("a"))
-        report([Path("a"), Path("a")], Path("report.html"))
+        report([Path("a"), Path("a")], Path("report.md"))
     assert Path.cwd() == elsewhere.parent / "here" and not list(elsewhere.iterdir())
     assert contents(Path("a")) == contents(Path("whole"))
-    assert len(open_result("a").rows) == 3 and Path("report.html").is_file()
+    assert len(open_result("a").rows) == 3 and Path("report.md").is_file()
 
 
 def test_each_task_finds_the_same_working_folder(
@@ -78,10 +78,10 @@ def test_a_module_that_changes_it_when_it_is_imported(
     for command in (
         ["run", "coins.yaml", "--out", "a"],
         ["figures", "a"],
-        ["report", "a", "--out", "report.html"],
+        ["report", "a", "--out", "report.md"],
     ):
         with pytest.raises(SystemExit) as left:
             main(command)
         assert not left.value.code
     assert not list(elsewhere.iterdir())
-    assert Path("a", "figures", "share.png").is_file() and Path("report.html").is_file()
+    assert Path("a", "figures", "share.png").is_file() and Path("report.md").is_file()

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample, WheelSample
 
 STEP = 0.01
 REST = 2.0

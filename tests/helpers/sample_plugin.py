@@ -30,7 +30,6 @@ class Coins(Experiment):
 
     claim: ClassVar[str] = "A coin falls on either side equally often."
     reference: ClassVar[str] = ""
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
 
     seeds: int = 3
     throws: int = 100

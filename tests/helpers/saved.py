@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from wideberth import build
+from wideberth.controllers.diagnosis.solve_record import SolveRecord, write_solve
 from wideberth.experiments.engine.runner import run
-from wideberth.framework.mpc.diagnosis.solve_record import SolveRecord, write_solve
 from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.predictor import Fittable
 from wideberth.framework.testing.predictor_cases import draw_recordings
@@ -30,7 +30,8 @@ STUDY = {
 
 def solve() -> SolveRecord:
     """Return a solve past a walker who crosses the path."""
-    return past_a_walker().explain()
+    found: SolveRecord = past_a_walker().explain()
+    return found
 
 
 def fitted() -> Fittable:

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from wideberth.framework.plugins import registry
+from wideberth.framework.plugins import config, registry
 from wideberth.tests.house.test_imports import ROOMS, ROOT, files_of
 
 SETTINGS = ("wideberth_ros.node_settings:NodeSettings",)
@@ -61,6 +61,9 @@ def names(kind: type) -> tuple[str, ...]:
 @cache
 def held(kind: type, name: str) -> Kinds:
     """Return the classes that may stand in a field, inside of tuples and mappings too."""
+    target = next(one for one in dataclasses.fields(kind) if one.name == name).metadata
+    if config.IMPLEMENTED in target:
+        return frozenset({registry.named(target[config.IMPLEMENTED])})
     return frozenset(_classes(_hints(kind)[name]))
 
 

@@ -19,7 +19,7 @@ CLONE = {"CONTRIBUTING.md", "docs/promise.md", "docs/negative-results.md"}
 ELSEWHERE = {
     r"(make (?!-C)|git |pip |source |\. env|python3 -m )": "installs, or works in a clone",
     r"python benchmarks/": "measures in a clone",
-    r"(dask|openssl|TLS=)|.* --scheduler": "needs several machines",
+    r"(dask|openssl|TLS=|export DASK_)|.* --scheduler": "needs several machines",
     r"wideberth (node|forecast|world) ": "needs ROS 2",
     r".*(THOR_MAGNI|labels_3d|biwi_hotel|my_bag)": "needs others' data",
     r".*(results/(magni|jrdb)|forecasts=FOLDER|tracks=FOLDER)": "needs others' data",

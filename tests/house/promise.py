@@ -16,15 +16,15 @@ from typing import Any
 import typer
 import yaml
 
+from wideberth.controllers.diagnosis import solve_record
 from wideberth.docs._site.reference import Group, groups
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine import column_descriptions, result_folder
 from wideberth.experiments.engine.shipped_configs import shipped
-from wideberth.framework.mpc.diagnosis import solve_record
 from wideberth.framework.plugins import config, lazy, registry
 from wideberth.framework.plugins.extensions import module_file
-from wideberth.framework.tracking import forecast_sets
+from wideberth.predictors.data import forecast_sets
 from wideberth.simulation.log import episode_log
 from wideberth.tests.house.options import held, names, others, plugins
 from wideberth.tests.house.stubs import FACES
@@ -36,10 +36,10 @@ HEAD = "# Written by `make promise`; docs/promise.md explains it.\n"
 OURS = ("wideberth.", "wideberth_")
 """How the modules of this repository begin."""
 REST = "further"
-"""The group of the reference that lists what other signatures mention: it is not promised."""
+"""The group of the reference that lists what others derive from: it is not promised."""
 SCRIPTS = ("docs/tutorials", "docs/gallery", "examples")
 ALSO = (
-    "wideberth.framework.mpc.diagnosis.solve_record:SolveRecord",
+    "wideberth.controllers.diagnosis.solve_record:SolveRecord",
     "wideberth.simulation.log.episode_log:Episode",
 )
 """What promised methods return."""

@@ -98,7 +98,7 @@ def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:
         ("run", "crossing", "--quick", "--no-figures"),
         ("play", "results/crossing-quick", "--out", "page.html", "--no-open"),
         ("show", "results/crossing-quick"),
-        ("report", "results/crossing-quick", "--out", "report.html"),
+        ("report", "results/crossing-quick", "--out", "report.md"),
         ("describe", "mahalanobis_ellipse"),
         ("list",),
     ):

@@ -26,8 +26,8 @@ def gallery(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_there_are_two_dozen_pictures_and_films_of_different_things(gallery: Any) -> None:
-    listed = list(gallery.pictures())
-    assert len(listed) >= 24 and sum(one.moves for one in listed) >= 5
+    listed = gallery.pictures()
+    assert len(listed) >= 24 and sum(one.picture.endswith(".gif") for one in listed) >= 5
     for field in ("name", "title", "text", "picture"):
         assert len({getattr(one, field) for one in listed}) == len(listed), field
 
@@ -81,32 +81,45 @@ def test_a_thumbnail_is_cut_and_filled_up_with_white(gallery: Any) -> None:
 
     picture = Image.new("RGB", (1000, 100), "white")
     picture.paste("red", (0, 0, 500, 100))
-    found = gallery.thumbnail(picture, (0.25, 0.0, 0.5))
-    assert found.size == gallery.SIZE == (480, 320)
+    found = gallery.shown(picture.convert("RGBA"), (0.25, 0.0, 0.5))
+    assert found.size == gallery.CARD == (480, 320)
     places = {(5, 160): "red", (475, 160): "white", (5, 5): "white", (5, 315): "white"}
     for place, colour in places.items():
         assert found.getpixel(place) == Image.new("RGB", (1, 1), colour).getpixel((0, 0))
 
 
+FILM = """python -c "from PIL import Image
+frames = [Image.effect_noise((700, 100), 50 + i).convert('RGB') for i in range(30)]
+frames[0].save('long.gif', save_all=True, append_images=frames[1:], duration=50)"
+"""
+
+
+@pytest.mark.parametrize(("most", "width"), [(10**9, 640), (0, 320)])
 def test_a_film_gets_smaller_until_it_is_small_enough(
-    gallery: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    most: int, width: int, gallery: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from PIL import Image
 
-    frames = [Image.effect_noise((700, 100), 50 + i).convert("RGB") for i in range(30)]
-    film = {"save_all": True, "append_images": frames[1:], "duration": 50}
-    frames[0].save(tmp_path / "long.gif", **film)
-    for most, wanted in ((10**9, 640), (0, 320)):
-        monkeypatch.setattr(gallery, "LARGEST", most)
-        gallery.shrink(tmp_path / "long.gif", tmp_path / "film.gif")
-        found, pause = gallery.frames_of(tmp_path / "film.gif")
-        assert len(found) <= gallery.FRAMES and found[0].width == wanted
-        assert abs(len(found) * pause - 30 * 50) <= 2 * 50  # it lasts as long
+    film = gallery.Picture("film", "", "", "kept/film.gif", command=FILM, file="long.gif")
+    for name, value in (
+        ("DOCS", tmp_path),
+        ("KEPT", tmp_path / "kept"),
+        ("LARGEST", most),
+        ("pictures", lambda: [film]),
+    ):
+        monkeypatch.setattr(gallery, name, value)
+    gallery.draw([])
+    with Image.open(tmp_path / "kept" / "film.gif") as image:
+        assert image.n_frames <= gallery.FRAMES and image.width == width
+        lasts = image.n_frames * image.info["duration"]
+    assert abs(lasts - 30 * 50) <= 2 * 50  # as long
 
 
 def test_what_a_command_draws_in_a_folder_of_its_own_is_kept(
     gallery: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
+    from PIL import Image
+
     command = "python -c \"from PIL import Image; Image.new('RGB', (2400, 9)).save('drawn.png')\""
     settings = {"title": "", "text": "", "command": command, "file": "drawn.png"}
     both = [gallery.Picture(name, picture=f"kept/{name}.png", **settings) for name in "ab"]
@@ -118,7 +131,8 @@ def test_what_a_command_draws_in_a_folder_of_its_own_is_kept(
         monkeypatch.setattr(gallery, name, value)
     gallery.draw(["b"])
     assert [path.name for path in tmp_path.rglob("*.png")] == ["b.png"]
-    assert gallery.frames_of(tmp_path / "kept" / "b.png")[0][0].width == 1200
+    with Image.open(tmp_path / "kept" / "b.png") as image:
+        assert image.width == 1200
 
 
 def test_every_picture_has_a_card_that_leads_to_its_page(gallery: Any) -> None:
@@ -127,4 +141,5 @@ def test_every_picture_has_a_card_that_leads_to_its_page(gallery: Any) -> None:
         assert text.count(f":link: /{one.document}\n") == 1
         assert text.count(f"\n   /{one.document}\n") == 1
         if not one.script:
-            assert all(f"   {line}\n" in gallery.page_of(one) for line in one.command.splitlines())
+            page = gallery.page("picture", one.title, one=one)
+            assert all(f"   {line}\n" in page for line in one.command.splitlines())

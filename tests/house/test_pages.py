@@ -16,10 +16,10 @@ from typing import Any
 import pytest
 
 from wideberth import build, save_plugin
+from wideberth.controllers.diagnosis.solve_record import Record
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.extending import commands
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
-from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse, read_config
@@ -152,7 +152,19 @@ def understood(words: list[str]) -> None:
     elif words[0].startswith(("python", ".")) and (scripts := scripts_of(words)):
         assert all((ROOT / script).is_file() for script in scripts), words
     else:
-        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc", "source", "python3 -m")
+        known = (
+            "make",
+            "dask",
+            "openssl",
+            "git",
+            "cd",
+            ".",
+            "TLS=",
+            "export DASK_",
+            "cc",
+            "source",
+            "python3 -m",
+        )
         assert " ".join(words).startswith(known), f"{words[0]}: check it here"
 
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from wideberth import Polygon, Region
 from wideberth.framework.plugins.registry import ROOMS
-from wideberth.regions import MahalanobisEllipse
+from wideberth.framework.testing import CHECKS
 from wideberth.tests.house.test_imports import BESIDE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,73 +26,38 @@ def site(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delitem(sys.modules, name)
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("margin : m, r + r_d.", ["r + r_{d}"]),
-        ("Level z = Phi^-1(1 - tail), at least 0.", [r"z = \Phi ^{-1}(1 -\ \mathrm{tail})"]),
-        ("with mean mu and step i + 1", [r"\mu", "i + 1"]),
-        ("grows by F P F' + Q as in", ["F P F' + Q"]),
-        ("the constraint is 0.5 log q >= 0.", [r"0.5 \log  q \ge  0"]),
-        ("takes (a_h, b_h)\nfrom w_c and\nw_v.", ["(a_{h}, b_{h})", "w_{c}", "w_{v}"]),
-        ("Return n . mu + margin, m.", [r"n \cdot  \mu  +\ \mathrm{margin}"]),
-        ("k = a / 0.5 m/s times", ["k = a / 0.5"]),
-        ("more than 1 - p (for some)", ["1 - p"]),
-        (r"mu_h -> mu_h + a_h u", [r"\mu _{h} \to  \mu _{h} + a_{h} u"]),
-    ],
-)
-def test_formulas_in_a_sentence_are_found(text: str, found: list[str]) -> None:
-    from _site.formulas import split  # type: ignore[import-not-found]
-
-    assert split(text)[1::2] == found
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "points : (P, D), m, of a path", "at 0.5 m/s and below these", "m^2/s^3; it suits people",
-        "(..., V, 2) m -> (..., P)", "(N, m) -> x", "A person at a door, as I said.",
-        "weight of (a - guess)^2",
-        "the delta method", "dv = -v / braking dt + dw, to one", "see d. For a list - x is left",
-        "a 2-D plane, the x-axis and 95 % of it", "- stopping: slowly\n- going on: fast",
-        "turn_gain and v_max_speed are names", "(N, D, D), (O, 2D + 1), (C * N,), m",
-    ],
-)  # fmt: skip
-def test_words_units_and_shapes_are_no_formulas(text: str) -> None:
-    from _site.formulas import split
-
-    assert split(text) == [text]
-
-
-def test_a_letter_is_a_symbol_where_a_formula_uses_it() -> None:
+def test_names_stand_above_their_texts_and_signs_are_escaped() -> None:
     from _site.docstrings import rewritten  # type: ignore[import-not-found]
 
-    lines = ["With q = sqrt(n), a set of n points; C is a language.", "", "Example of `q`."]
-    (first, *_) = rewritten(lines, lambda name: f"``{name}``")
-    assert first == "With :math:`q =\\ \\sqrt{n}`, a set of :math:`n` points; C is a language."
+    lines = ["Keep |v| and `a*b`s low.", "", "    |v| <= 1", "", "Parameters", "----------",
+             "a : m. b : s,", "    not a_.", "c, d : m.", "", "Examples", "--------",
+             ">>> 2*3"]  # fmt: skip
+    assert rewritten("\n".join(lines)).splitlines() == [
+        r"Keep \|v\| and \ `a*b`\ s low.", "", ".. code-block:: text", "", "    |v| <= 1", "", "",
+        "Parameters", "----------", "a", "    m.", "b", "    s,", r"    not a\_.", "c, d",
+        "    m.", "", "Examples", "--------", ">>> 2*3",
+    ]  # fmt: skip
 
 
 def test_every_entry_of_the_reference_has_a_name_and_a_sentence() -> None:
-    from _site.reference import groups, overview
+    from _site.reference import groups  # type: ignore[import-not-found]
 
     for group in groups():
-        assert overview(group) and all(entry.line for entry in group.entries), group.name
+        assert group.entries and all(entry.line for entry in group.entries), group.name
 
 
-def test_every_room_of_plug_ins_stands_in_the_reference() -> None:
-    from _site.reference import ROOM_TITLES
+def test_every_room_of_plug_ins_and_every_check_stands_in_the_reference() -> None:
+    from _site.reference import groups
 
-    assert {*ROOM_TITLES} == {*ROOMS}
+    found = {group.name: {entry.found.__name__ for entry in group.entries} for group in groups()}
+    assert {*ROOMS} <= {*found} and {*CHECKS} <= found["checks"]
 
 
-def test_inherited_members_are_named_with_their_page() -> None:
-    from _site.reference import inherited  # type: ignore[import-not-found]
+def test_no_name_stands_twice_in_the_reference() -> None:
+    from _site.reference import groups
 
-    homes = {id(Region): "wideberth.Region"}
-    (line, _) = inherited(MahalanobisEllipse, homes)
-    assert line.startswith("Inherited from :py:obj:`Region <wideberth.Region>`: ")
-    assert ":py:obj:`auxiliary <wideberth.Region.auxiliary>`" in line and "`contains <" not in line
-    assert inherited(MahalanobisEllipse, {}) == [] == inherited(Polygon, homes)
+    paths = [entry.path for group in groups() for entry in group.entries]
+    assert len(paths) == len({*paths}) > 200
 
 
 def test_headings_are_smaller_the_deeper_on_any_screen() -> None:
@@ -165,26 +129,40 @@ def test_a_link_that_names_a_file_shows_the_title_of_its_page() -> None:
 
 
 def test_pages_of_packages_are_linked_as_those_of_docs() -> None:
-    from _site.repository import files_linked, linked
+    from _site.repository import document, linked
 
     place = Path("packages/nav2/docs")
     text = f"[its page](../{place}/nav2.md#static-worlds)"
     assert linked(text, Path("docs"), "start") == "[its page](auto/packages/nav2.md#static-worlds)"
     text = "[start](../../../docs/start.md), [ROS 2](../../ros/docs/ros.md)"
     assert linked(text, place, "auto/packages/nav2") == "[start](../../start.md), [ROS 2](ros.md)"
-    assert {Path(f"packages/{name}/docs/{name}.md") for name in BESIDE} <= files_linked(
-        [ROOT / "docs" / "guides.md"]
+    for name in BESIDE:
+        assert document(Path(f"packages/{name}/docs/{name}.md")) == f"auto/packages/{name}"
+
+
+def test_links_to_code_lead_to_the_code_host_and_code_stays() -> None:
+    from _site.repository import addresses, linked
+
+    place = f"{addresses()['Source']}/blob/main"
+    text = "[a filter](../predictors/kalman.py#L3), [tables](../benchmarks/RESULTS.md)"
+    assert linked(text, Path("docs"), "start") == (
+        f"[a filter]({place}/predictors/kalman.py#L3), "
+        "[tables](auto/repository/benchmarks/RESULTS.md)"
+    )
+    assert linked("names[0](one), [x](https://a.b)", Path("docs"), "start") == (
+        "names[0](one), [x](https://a.b)"
     )
 
 
-def test_the_page_of_an_example_offers_its_script() -> None:
-    from _site.repository import document, page_of
+def test_the_examples_have_pages_with_pictures() -> None:
+    from _site.examples import with_pictures  # type: ignore[import-not-found]
+    from _site.repository import document, linked
 
+    page = with_pictures((ROOT / "docs" / "examples.md").read_text(encoding="utf-8"))
+    page = linked(page, Path("docs"), "examples")
     for script in (ROOT / "examples").glob("*.py"):
         name = document(script.relative_to(ROOT))
-        page = page_of(script.relative_to(ROOT), name)
-        (place,) = re.findall(r":download:`[^<`]+<(.+?)>`", page)
-        assert (ROOT / "docs" / name).parent.joinpath(place).resolve() == script
+        assert f"]({name}.rst)" in page and f"![]({name}.png)" in page
 
 
 def test_the_title_of_the_first_picture_is_explained() -> None:

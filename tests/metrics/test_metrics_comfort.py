@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.numerics.social_force import interaction_force
 from wideberth.metrics import comfort as comfort
+from wideberth.metrics.social_force import interaction_force
 
 
 def test_the_nearest_of_those_who_are_there() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from wideberth.framework.numerics.geometry import sum_gauge, sum_volume
+from wideberth.framework.numerics.geometry import sum_gauge
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.region import Guarantee
@@ -16,6 +16,7 @@ from wideberth.framework.risk.level_for_risk import level_for_risk
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.metrics import region_risk
+from wideberth.metrics.ellipses import sum_volume
 from wideberth.metrics.region_risk import measure
 from wideberth.regions.eigen_rectangle import EigenRectangle
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle

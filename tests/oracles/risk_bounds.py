@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from wideberth.framework.numerics.eigenframe import checked_pairs, principal_axes
-from wideberth.framework.numerics.geometry import UNIT_BALL
 from wideberth.framework.values.arrays import Array, BoolArray
 from wideberth.framework.values.errors import WideberthError
+from wideberth.metrics.ellipses import UNIT_BALL
 
 
 def centre_point_value(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:

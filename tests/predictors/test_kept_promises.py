@@ -12,10 +12,10 @@ from typing import Self, final
 import numpy as np
 import pytest
 
+from wideberth.controllers.levels.risk_allocation import RiskAllocation
 from wideberth.framework.calibration import Calibration
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.values.arrays import Array

@@ -12,7 +12,6 @@ from wideberth.framework.plugins.config import build, describe, load_plugin, sav
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.testing.predictor import check_predictor
-from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
@@ -28,6 +27,7 @@ from wideberth.predictors.core.calibration import (
     seen_at,
     squared_distances,
 )
+from wideberth.predictors.data.windows import cut_windows
 from wideberth.predictors.empirical import Empirical
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.static import Static

@@ -9,13 +9,13 @@ from scipy.stats import chi2
 from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.testing.predictor import check_predictor
-from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import replayed, squared_distances
 from wideberth.predictors.core.history import gather
+from wideberth.predictors.data.windows import cut_windows
 from wideberth.predictors.empirical import (
     FLOOR,
     SHRINKAGE,

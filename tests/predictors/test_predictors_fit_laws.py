@@ -10,9 +10,9 @@ import pytest
 from wideberth.framework.predictor import Fittable
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.testing.predictor_cases import draw_recordings
-from wideberth.framework.tracking.windows import windows_of
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast, Scene
+from wideberth.predictors.data.windows import windows_of
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.static import Static
 

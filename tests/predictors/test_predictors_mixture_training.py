@@ -8,13 +8,13 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from wideberth.framework.testing.predictor import check_predictor
-from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.scoring import negative_log_likelihood
 from wideberth.predictors.core import adam
 from wideberth.predictors.core.density_network import decode, forward, output_count
 from wideberth.predictors.core.density_training import Material, log_densities, loss
+from wideberth.predictors.data.windows import cut_windows
 from wideberth.predictors.mixture_density import MixtureDensity
 from wideberth.predictors.single_gaussian import SingleGaussian
 from wideberth.predictors.static import Static

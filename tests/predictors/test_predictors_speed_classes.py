@@ -10,8 +10,6 @@ from wideberth.experiments.studies.crowd import DATA
 from wideberth.framework.plugins.config import load_plugin, save_plugin
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.testing.predictor import check_predictor
-from wideberth.framework.tracking.recordings import read_tracks
-from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
@@ -20,6 +18,8 @@ from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import seen_at
 from wideberth.predictors.corrected import Corrected, Corrections
+from wideberth.predictors.data.recordings import read_tracks
+from wideberth.predictors.data.windows import cut_windows
 from wideberth.predictors.interacting_models import InteractingModels
 
 DT, STEPS = 0.5, 4

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.framework.numerics import geometry
 from wideberth.framework.numerics.eigenframe import eigen_axes
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.metrics import ellipses
 from wideberth.regions import gaussian
 from wideberth.regions.box import box_content, distance_to_box
 from wideberth.regions.eigen_rectangle import EigenRectangle
@@ -80,7 +80,7 @@ def region_case(given: dict[str, Any]) -> Fields:
         "axes_min_trace": lambda: inflation.outer_axes(a, b, margin, trace(a, b, margin)),
         "beta_volume": lambda: area(a, b, margin),
         "axes_min_area": lambda: inflation.outer_axes(a, b, margin, area(a, b, margin)),
-        "perimeter": lambda: geometry.perimeter(axes),
+        "perimeter": lambda: ellipses.perimeter(axes),
         "area_ellipse": lambda: exact.area(bare, level),
         "area_inflated": lambda: ellipse.area(inflated, level),
         "area_exact": lambda: exact.area(packed, level),
@@ -128,8 +128,8 @@ def point_ellipse(given: dict[str, Any]) -> Fields:
     point = np.array([given["x"], given["y"]], dtype=float)[order]
     axes = np.array([given["a"], given["b"]], dtype=float)[order]
     return {
-        "signed_distance": lambda: geometry.distance_to_ellipse(point, axes),
-        "closest": lambda: geometry.closest_point(point, axes)[order],
+        "signed_distance": lambda: ellipses.distance_to_ellipse(point, axes),
+        "closest": lambda: ellipses.closest_point(point, axes)[order],
     }
 
 
@@ -179,8 +179,8 @@ def ellipsoid_sum_3d(given: dict[str, Any]) -> Fields:
     ellipse, exact, one = MahalanobisEllipse(), MinkowskiSum(), np.float64(1.0)
     a, c = axes[0], axes[-1]
     return {
-        "surface": lambda: geometry.surface(axes),
-        "mean_width": lambda: 2.0 * geometry.mean_support(axes),
+        "surface": lambda: ellipses.surface(axes),
+        "mean_width": lambda: 2.0 * ellipses.mean_support(axes),
         "volume_exact": lambda: exact.area(exact.parameters(obstacle, margin), one),
         "volume_inflated": lambda: ellipse.area(ellipse.parameters(obstacle, margin), one),
         "max_clearance_error": lambda: inflation.largest_clearance_error(a, c, margin),

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth.framework.numerics import geometry
 from wideberth.framework.region import Convex, Signed
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
+from wideberth.metrics import ellipses
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.separating_line import SeparatingLine
@@ -23,12 +23,12 @@ def test_closest_point_is_no_farther_than_any_other() -> None:
     for size in (2, 3):
         axes = np.sort(10.0 ** rng.uniform(-2, 1, (40, size)))[:, ::-1]
         points = rng.standard_normal((40, size)) * axes * rng.uniform(0.1, 3, (40, 1))
-        nearest = geometry.closest_point(points, axes)
+        nearest = ellipses.closest_point(points, axes)
         np.testing.assert_allclose(((nearest / axes) ** 2).sum(axis=1), 1.0, rtol=1e-9)
         sphere = rng.standard_normal((4000, size))
         sphere /= np.linalg.norm(sphere, axis=1)[:, None]
         others = np.linalg.norm(points[:, None] - axes[:, None] * sphere, axis=2).min(axis=1)
-        distance = np.abs(geometry.distance_to_ellipse(points, axes))
+        distance = np.abs(ellipses.distance_to_ellipse(points, axes))
         assert (distance <= others + 1e-12).all()
         # The offset is normal to the surface: parallel to x / axes^2.
         offset, normal = points - nearest, nearest / axes**2
@@ -54,16 +54,16 @@ def test_closest_point_is_no_farther_than_any_other() -> None:
     ],
 )
 def test_distance_of_special_points(point: Any, axes: Any, distance: float) -> None:
-    got = geometry.distance_to_ellipse(np.array(point), np.array(axes))
+    got = ellipses.distance_to_ellipse(np.array(point), np.array(axes))
     assert float(got) == pytest.approx(distance, abs=1e-12)
 
 
 def test_perimeter_and_surface() -> None:
-    assert float(geometry.perimeter(np.array([2.0, 2.0]))) == pytest.approx(4 * math.pi)
-    assert float(geometry.perimeter(np.array([3.0, 0.0]))) == pytest.approx(12.0)
-    assert float(geometry.surface(np.array([2.0, 2.0, 2.0]))) == pytest.approx(16 * math.pi)
-    assert float(geometry.surface(np.array([2.0, 1.0, 0.0]))) == pytest.approx(4 * math.pi)
-    assert float(geometry.mean_support(np.array([2.0, 2.0, 2.0]))) == pytest.approx(2.0)
+    assert float(ellipses.perimeter(np.array([2.0, 2.0]))) == pytest.approx(4 * math.pi)
+    assert float(ellipses.perimeter(np.array([3.0, 0.0]))) == pytest.approx(12.0)
+    assert float(ellipses.surface(np.array([2.0, 2.0, 2.0]))) == pytest.approx(16 * math.pi)
+    assert float(ellipses.surface(np.array([2.0, 1.0, 0.0]))) == pytest.approx(4 * math.pi)
+    assert float(ellipses.mean_support(np.array([2.0, 2.0, 2.0]))) == pytest.approx(2.0)
 
 
 def test_exact_sum_against_a_buffered_polygon() -> None:

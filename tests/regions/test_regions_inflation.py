@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.numerics import geometry
 from wideberth.framework.risk.collision_probability import collision_probability
+from wideberth.metrics import ellipses
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.tests.helpers.region_samples import COVARIANCE, packed
@@ -56,7 +56,7 @@ def test_largest_errors_by_brute_force() -> None:
     ],
 )
 def test_areas(a: float, b: float, margin: float, exact: float, ratios: Any, delta: float) -> None:
-    total = float(geometry.sum_volume(np.array([a, b]), np.asarray(margin)))
+    total = float(ellipses.sum_volume(np.array([a, b]), np.asarray(margin)))
     assert total == pytest.approx(exact, rel=1e-6)
     larger = float(inflation.smallest_margin(a, b, margin))
     assert larger / margin == pytest.approx(delta, abs=6e-5)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from wideberth.framework.numerics import geometry
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.metrics import ellipses
 from wideberth.regions import gaussian
 from wideberth.regions.minimum_area import MinimumArea
 from wideberth.regions.minimum_trace import MinimumTrace
@@ -82,7 +82,7 @@ def test_golden_values_in_3d(golden_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_areas_of_the_table(a: float, b: float, margin: float, ratios: Any) -> None:
-    exact = float(geometry.sum_volume(np.array([a, b]), np.asarray(margin)))
+    exact = float(ellipses.sum_volume(np.array([a, b]), np.asarray(margin)))
     for region, ratio in zip((OUTER[0], OUTER[2], OUTER[3]), ratios, strict=True):
         numbers = packed(region, np.diag([float(a) ** 2, float(b) ** 2]), margin)
         area = float(region.area(numbers, np.asarray(1.0)))

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.numerics import geometry
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.region import Region
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
+from wideberth.metrics import ellipses
 from wideberth.regions import gaussian
 from wideberth.regions.outer_ellipse import OuterEllipse
 from wideberth.tests.helpers.region_samples import (
@@ -71,7 +71,7 @@ def test_projection_with_ipopt(region: OuterEllipse) -> None:
         axes = region.axes(numbers, np.asarray(2.0))
         inside = np.sqrt(rng.uniform(0.2, 0.95)) * gaussian.circle(7, vectors)[rng.integers(7)]
         inside = inside * axes
-        near = geometry.closest_point(inside, axes)
+        near = ellipses.closest_point(inside, axes)
         start = mean + vectors @ (near + 0.2 * (near - inside))
         point = mean + vectors @ inside
         found = solver(x0=start, p=np.concatenate([numbers, point]), lbg=0.0, ubg=np.inf)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy import optimize, special, stats
 
-from wideberth.framework.numerics.geometry import mean_cubed_support, mean_support
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.testing.numeric_constraint import compile_constraint
 from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.metrics.ellipses import mean_cubed_support, mean_support
 from wideberth.regions.bhattacharyya import Bhattacharyya
 from wideberth.regions.du_toit import DuToit
 from wideberth.regions.half_plane import HalfPlane

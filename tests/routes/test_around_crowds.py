@@ -20,13 +20,12 @@ from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.testing.controller import check_controller
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.convex_area import ConvexArea, checked_area
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.walls import box
+from wideberth.people.convex_area import ConvexArea, checked_area
 from wideberth.robots.unicycle import Unicycle
 from wideberth.routes import around_crowds
 from wideberth.routes.around_crowds import (
@@ -39,6 +38,7 @@ from wideberth.routes.around_crowds import (
     WatchedCrowd,
     _Prices,
 )
+from wideberth.routes.walls import box
 
 ROBOT = Unicycle(radius=0.3, max_speed=1.0)
 RADIUS = 0.3

@@ -14,10 +14,10 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.costmap import INSCRIBED, LETHAL, Costmap
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.walls import box
 from wideberth.routes.around_crowds import AroundCrowds, WatchedCrowd, _inside, _Prices
 from wideberth.routes.navfn import NavFn
 from wideberth.routes.smoothed import SmoothedRoutes
+from wideberth.routes.walls import box
 from wideberth.tests.routes.test_around_crowds import (
     EAST,
     ROBOT,

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from wideberth import OccupancyGrid, WideberthError
 from wideberth.framework.values.polygon import MOST_CORNERS, Polygon
-from wideberth.framework.values.walls import box
 from wideberth.routes.polygons import convex_polygons, grid_of_polygons, outlines
+from wideberth.routes.walls import box
 
 
 def grid_of(occupied: np.ndarray, resolution: float = 0.25) -> OccupancyGrid:

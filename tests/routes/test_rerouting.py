@@ -10,8 +10,8 @@ from wideberth import Detection, WideberthError
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.walls import box, walls_around, walls_of_segments
 from wideberth.routes.rerouting import Rerouting
+from wideberth.routes.walls import box, walls_around, walls_of_segments
 
 LOW, HIGH = np.array([10.0, 3.5]), np.array([10.0, 8.5])
 """Middles of the two doors."""

@@ -6,8 +6,8 @@ import shapely
 
 from wideberth import Detection, WideberthError
 from wideberth.framework.values.costmap import INSCRIBED, LETHAL
-from wideberth.framework.values.walls import box
 from wideberth.routes.rerouting import Rerouting
+from wideberth.routes.walls import box
 from wideberth.tests.routes.test_rerouting import (
     GOAL,
     HALL,

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from wideberth.controllers.recommended import recommended
 from wideberth.framework.controller import Controller
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.recommended import recommended
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation, Truth
 from wideberth.framework.values.path import Path

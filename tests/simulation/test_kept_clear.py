@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from wideberth.controllers.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.plan import Plan, Rung, Situation, Status

@@ -7,8 +7,8 @@ import pytest
 
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.walls import box
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.routes.walls import box
 from wideberth.simulation.engine.agents import PathChange, ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings

@@ -11,7 +11,7 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot
 from wideberth.framework.testing.laws import Law
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.walls import box
+from wideberth.routes.walls import box
 from wideberth.simulation.engine.agents import Bystander, ReplayAgent, ScriptedAgent
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.measures.summary import summarise

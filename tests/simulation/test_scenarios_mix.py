@@ -9,9 +9,9 @@ from wideberth.controllers.moussaid_force import MoussaidForce
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.walls import box
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.routes.walls import box
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.scenarios.corridor import Corridor
 from wideberth.simulation.scenarios.crowd_mix import CrowdMix, individual, mix_of

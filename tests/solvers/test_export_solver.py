@@ -11,18 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.benchmarks.exported_folder import (
-    COMPILER,
-    FAST,
-    PROGRAMS,
-    ROOT,
-    STRICT,
-    Folder,
-    exported,
-    of_instances,
-    on_disk,
-    run,
-)
 from wideberth.experiments.cli.export import export
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.planner.rollout import follow, shift
@@ -34,6 +22,18 @@ from wideberth.framework.values.plan import Status
 from wideberth.regions import gaussian
 from wideberth.solvers.export.bundle import write_folder
 from wideberth.solvers.export.solver.files import CORE, SOURCES, bundle, has_example
+from wideberth.tests.solvers.exported_folder import (
+    COMPILER,
+    FAST,
+    PROGRAMS,
+    ROOT,
+    STRICT,
+    Folder,
+    exported,
+    of_instances,
+    on_disk,
+    run,
+)
 
 CPP = shutil.which("c++")
 

@@ -14,8 +14,8 @@ from wideberth.benchmarks.recorded_instances import (
     read_instances,
     worst_violation,
 )
+from wideberth.controllers.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.base import LevelPolicy
-from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.costs.contouring import Contouring
 from wideberth.framework import names
 from wideberth.framework.mpc.costs.base import Cost
-from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed

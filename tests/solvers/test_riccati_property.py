@@ -9,12 +9,12 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from wideberth.controllers.costs.contouring import Contouring
+from wideberth.controllers.levels.discounted import Discounted
 from wideberth.framework import Path, names
 from wideberth.framework.mpc.costs.base import Cost, ProgressCost
-from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
-from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem

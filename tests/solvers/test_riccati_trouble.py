@@ -16,7 +16,7 @@ import pytest
 
 from wideberth.benchmarks.perturbations import perturb
 from wideberth.benchmarks.recorded_instances import Instance, read_instances
-from wideberth.framework.mpc.diagnosis.explain import SolveRecord
+from wideberth.controllers.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
@@ -131,7 +131,8 @@ def surrounded(seed: int) -> SolveRecord:
             for k, place in enumerate(places + 0.25 * tick * velocities)
         )
         planner.command(Observation(0.25 * tick, np.zeros(2), tuple(seen)))
-    return planner.explain()
+    found: SolveRecord = planner.explain()
+    return found
 
 
 @pytest.mark.parametrize("seed", [6, 8, 20, 28])

@@ -169,13 +169,13 @@ function prepared(canvas, height) {
 /**
  * Whether a player takes a key: all of its keys where it has the focus, the steps wherever that is.
  *
- * place : of the focus; "own", "other" for another player, "page" for the rest of the page.
+ * place : of the focus; "own", or "page" for the rest of the page.
  * tag, type : of the element with the focus; where the key has a use of its own, it keeps that.
  */
 function takesKey(key, place, tag, type = "") {
   const steps = key === "ArrowLeft" || key === "ArrowRight";
   const typed = tag === "TEXTAREA" || (tag === "INPUT" && !["radio", "checkbox", "range"].includes(type));
-  if (place === "other" || typed) return false;
+  if (typed) return false;
   if (place === "page" || tag === "SELECT" || type === "radio") return steps;
   return key !== " " || !(tag === "BUTTON" || type === "checkbox");
 }

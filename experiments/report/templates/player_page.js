@@ -14,12 +14,11 @@ class Player {
 
   /** Several episodes open with a choice: what differs between them, and how each ended. */
   choice() {
-    const group = `run-${document.querySelectorAll(".player .which input").length}`;
     this.part("which").append(...this.sources.map((source, i) => {
       const label = document.createElement("label"), input = document.createElement("input");
       const name = document.createElement("b"), note = document.createElement("small");
       if (source.dataset.note.endsWith("contact")) label.className = "flagged";
-      Object.assign(input, { type: "radio", name: group, value: i, checked: i === 0 });
+      Object.assign(input, { type: "radio", name: "run", value: i, checked: i === 0 });
       input.addEventListener("change", () => this.load(i));
       [name.textContent, note.textContent] = [source.dataset.label, source.dataset.note];
       label.append(input, name, note);
@@ -32,7 +31,7 @@ class Player {
     this.pause();
     const { title, note } = this.sources[number].dataset;
     this.part("what").textContent = `${title}; ${note}`;
-    if ("alone" in this.element.dataset) document.title = title;
+    document.title = title;
     try {
       this.episode = await unpack(this.sources[number].textContent);
     } catch (error) {
@@ -102,10 +101,6 @@ class Player {
       on(name, "change", () => this.show(this.index));
     }
     document.addEventListener("keydown", (event) => this.press(event));
-    Player.last ??= this;
-    for (const kind of ["focusin", "pointerdown"]) {
-      this.element.addEventListener(kind, () => { Player.last = this; });
-    }
     let width = 0;
     new ResizeObserver(() => {
       if (width === this.element.clientWidth) return; // its height is our own doing
@@ -144,11 +139,9 @@ class Player {
     act();
   }
 
-  /** Where the focus is; outside of all players the keys are for the one that was used last. */
+  /** Where the focus is. */
   place(target) {
-    const alone = "alone" in this.element.dataset && target === document.body;
-    if (alone || this.element.contains(target)) return "own";
-    return target.closest(".player") || Player.last !== this ? "other" : "page";
+    return target === document.body || this.element.contains(target) ? "own" : "page";
   }
 
   step(way) {
@@ -236,4 +229,4 @@ class Player {
   }
 }
 
-for (const element of document.querySelectorAll(".player")) new Player(element);
+new Player(document.querySelector(".player"));

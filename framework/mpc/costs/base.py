@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 from ...numerics.symbolic import ca
 from ...values.arrays import positive
-from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.path import Path
 from ..ocp.reference import Reference
@@ -77,19 +76,6 @@ class Cost(ABC):
     """
 
     reference: ClassVar[str] = ""
-
-    def __init_subclass__(cls) -> None:
-        """Refuse a cost that declares its progress by a flag instead of its type.
-
-        Raises
-        ------
-        WideberthError : ``follows = True`` in a class that is no `ProgressCost`.
-        """
-        if vars(cls).get("follows") is True and not issubclass(cls, ProgressCost):
-            raise WideberthError(
-                f"{cls.__name__} is a Cost with follows = True; a cost of the arc length along "
-                "the path derives from ProgressCost: change its base class"
-            )
 
     @abstractmethod
     def lay(self, path: Path, arc: float, speed: float, steps: int, dt: float) -> Reference:

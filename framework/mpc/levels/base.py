@@ -32,19 +32,6 @@ class LevelPolicy(ABC):
     coverage: ClassVar[Coverage | None] = None
     """What the regions promise where no plan enters them, at these levels; None: nothing."""
 
-    def __init_subclass__(cls) -> None:
-        """Refuse a policy that declares a shared level by a flag instead of its type.
-
-        Raises
-        ------
-        WideberthError : ``shared = True`` in a class that is no `SharedLevel`.
-        """
-        if vars(cls).get("shared") is True and not issubclass(cls, SharedLevel):
-            raise WideberthError(
-                f"{cls.__name__} is a LevelPolicy with shared = True; a policy whose level is a "
-                "decision variable derives from SharedLevel: change its base class"
-            )
-
     @abstractmethod
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles); steps 1..N, and obstacles that are there.

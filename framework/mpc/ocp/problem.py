@@ -186,13 +186,11 @@ class Problem:
         return stage[: self.head_width], pieces
 
     @cached_property
-    def residuals(self) -> Any:
-        """All steps at once, for re-checking and pricing a plan without a solver.
+    def stage_costs(self) -> Mapped:
+        """Cost of all steps at once, without level and slack, for pricing a plan without a solver.
 
-        (x_i, u_i, x_{i+1}, s, stage parameters, auxiliaries of each kind of slots), one column
-        per step -> gaps of the dynamics, robot limits (>= 0), room to each finite bound of x_{i+1}
-        and u_i (>= 0), the cost without level and slack, and of each kind of slots the
-        inequalities and the equalities.
+        (x_i, u_i, x_{i+1}, stage parameters, auxiliaries of each kind of slots), one row per step
+        -> (N, 1).
         """
         x, u, following = (
             ca.SX.sym("x", self.states),
@@ -200,34 +198,21 @@ class Problem:
             ca.SX.sym("next", self.states),
         )
         lifted = [ca.SX.sym("auxiliary", one.count * len(one.auxiliary)) for one in self.slots]
-        s, stage = ca.SX.sym("s", int(self.shared)), ca.SX.sym("stage", self.stage_width)
-        gap = following - self.dynamics(x, u)
-        limits = ca.vertcat(self.input_constraints(x, u), self.state_constraints(following))
+        stage = ca.SX.sym("stage", self.stage_width)
         head, numbers = self.cut(stage)
         cost = self.input_cost(x, u, head) + self.state_cost(following, head)
-        rows: list[Any] = []
         for one, own, given in zip(self.slots, lifted, numbers, strict=True):
-            rows += one.all_of(following, own, s, given)
             cost += one.regularisation(own, given)
-        single = ca.Function(
-            "residuals",
-            [x, u, following, s, stage, *lifted],
-            [gap, limits, self._room(following, u), cost, *rows],
-        )
-        return single.map(self.horizon)
-
-    @cached_property
-    def residual_values(self) -> Mapped:
-        """`residuals` of arrays."""
-        return Mapped(self.residuals)
+        single = ca.Function("stage_costs", [x, u, following, stage, *lifted], [cost])
+        return Mapped(single.map(self.horizon))
 
     @cached_property
     def constraint_values(self) -> ColumnFunctions:
         """Constraints at many columns: `motion` of a step, and `slotK` of one slot of kind K.
 
-        ``motion`` is of (x_i, u_i, x_{i+1}): gaps of the dynamics, then robot limits and room as
-        in `residuals`; ``slotK`` of (x, auxiliaries, s) and the numbers of a slot: inequalities,
-        then equalities.
+        ``motion`` is of (x_i, u_i, x_{i+1}): gaps of the dynamics, then robot limits (>= 0) and
+        room to each finite bound of x_{i+1} and u_i (>= 0); ``slotK`` of (x, auxiliaries, s) and
+        the numbers of a slot: inequalities, then equalities.
         """
         return ColumnFunctions(self.constraint_functions)
 

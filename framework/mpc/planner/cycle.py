@@ -49,10 +49,9 @@ from ..slots.base import (
 from ..slots.reachability import Travel
 from ..solver import SizelessSolver
 from .emergency import command_of_plan, emergency
-from .expected_contact import Judge
 from .in_contact import InContact, expected_now
 from .instance import Instance
-from .judging import best_manoeuvre, judged
+from .judge import Judge
 from .multistart import MultiStart, MultiStartResult
 from .own_uncertainty import OwnUncertainty, carried
 from .retreat import Retreat, retreat
@@ -393,14 +392,10 @@ def _planned(
     """Fill the problem, solve it from several starts, take the best rung, and command."""
     robot = settings.robot
     instance, first = _filled(settings, state, services, course, frame)
-    judge = _judge(settings, state, course, frame)
-    names = settings.starts if judge is None else ()
-    manoeuvre = None if judge is None else best_manoeuvre(judge, instance, first)
-    starts = MultiStart(services.watch, names, budget)
-    outcome = starts.run(instance, manoeuvre or first, state.obstacle_in_way)
-    if judge is not None:
-        outcome = judged(judge, instance, outcome)
-    trial = LadderInput(instance, outcome, judge)
+    judge = _judge(settings, course, frame)
+    starts = MultiStart(services.watch, judge.starts(settings.starts), budget)
+    outcome = starts.run(instance, judge.first(instance, first), state.obstacle_in_way)
+    trial = LadderInput(instance, judge.judged(instance, outcome), judge)
     plan, point = choose(settings.fallback.ladder, trial, course.stamp)
     plan = altered(
         without_progress(robot, plan),
@@ -462,17 +457,12 @@ def _resting(end: EndLimits | None, course: Course, command: Command) -> Command
     return replace(command, omega=end.turning(away, speed, command.omega))
 
 
-def _judge(
-    settings: PlannerSettings, state: PlannerState, course: Course, frame: PerceptionFrame
-) -> Judge | None:
-    """Return what plans are judged by; None where the cost of the problem alone decides."""
-    if settings.expected_contact is None:
-        return None
+def _judge(settings: PlannerSettings, course: Course, frame: PerceptionFrame) -> Judge:
+    """Return what plans are judged by."""
     seen = None
     if frame.forecast is not None and frame.tracks is not None:
         seen = frame.forecast, frame.tracks
-    return Judge.of(
-        settings.expected_contact,
+    return settings.judging.judge(
         settings.robot,
         settings.dt,
         (course.path, course.arc, settings.reference_speed),
@@ -624,9 +614,7 @@ def _context(
 
 def _held_clear(settings: PlannerSettings, forecast: Forecast | None) -> Forecast | None:
     """Return the forecast whose regions the problem holds."""
-    if forecast is None or settings.expected_contact is None:
-        return forecast
-    return forecast.likeliest()
+    return None if forecast is None else settings.judging.held_clear(forecast)
 
 
 def _resumed(

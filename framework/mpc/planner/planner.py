@@ -9,13 +9,13 @@ import numpy as np
 
 from ...control.rate_limited_warnings import WARNINGS
 from ...controller import Controller, WrapsController, checked_path
+from ...plugins.config import IMPLEMENTED
+from ...plugins.registry import named
 from ...values.errors import WideberthError, short
 from ...values.motion import Command, Observation
 from ...values.path import Path
 from ...values.path_progress import ReferenceProgress
 from ...values.plan import Plan, Rung
-from ..diagnosis.explain import SolveRecord
-from ..diagnosis.solve_record import Record
 from .cycle import (
     Decision,
     PlannerState,
@@ -26,6 +26,7 @@ from .cycle import (
     step,
     warm_up,
 )
+from .recorder import SOLVE_FILES, SOLVE_RECORD, Recorder
 from .settings import PlannerSettings, check_settings, doubts
 from .standing import ARRIVED
 
@@ -54,19 +55,18 @@ class Planner(PlannerSettings, Controller):
     execute, and the plan says why it is not the optimal one.
 
     The cycle itself is `wideberth.framework.mpc.planner.cycle.step`; this class holds its state.
+    All parameters but `record` are those of `PlannerSettings`.
 
     Parameters
     ----------
     record : where solves that failed or took long are kept for `wideberth explain`.
-
-    All others are those of `PlannerSettings`.
 
     Raises
     ------
     WideberthError : a value out of range, or robot and region of different dimensions.
     """
 
-    record: Record | None = None
+    record: Recorder | None = field(default=None, metadata={IMPLEMENTED: SOLVE_FILES})
     _services: Services = field(init=False, repr=False)
     _memory: _Memory = field(init=False, repr=False)
 
@@ -145,16 +145,19 @@ class Planner(PlannerSettings, Controller):
         if self.record is not None and solved is not None and self.record.wants(solved):
             note = self.record.keep(self, solved)
             plan = replace(plan, reason=joined(plan.reason, note))
-        usual = {Rung.OPTIMAL, Rung.FEASIBLE if self.expected_contact else Rung.OPTIMAL}
-        _warn(type(self).__name__, plan, decision.notes, usual)
+        _warn(type(self).__name__, plan, decision.notes, self.judging.usual)
         memory.decision = decision
         if decision.notes:
             plan = replace(plan, reason=joined(plan.reason, *decision.notes))
         memory.plan = plan
         return decision.command
 
-    def explain(self) -> SolveRecord:
+    def explain(self) -> Any:
         """Return what the last call solved: to be read, saved, and solved again.
+
+        Returns
+        -------
+        SolveRecord : of `wideberth.controllers.diagnosis.explain`.
 
         Raises
         ------
@@ -166,7 +169,7 @@ class Planner(PlannerSettings, Controller):
                 "the last call solved no problem, so that there is none to explain; its plan's "
                 "reason says why"
             )
-        return SolveRecord.of(self, decision.solved)
+        return named(SOLVE_RECORD, (SOLVE_RECORD,)).of(self, decision.solved)
 
 
 def _warn(

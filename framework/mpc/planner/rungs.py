@@ -21,7 +21,7 @@ those called ``paper`` too.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import ClassVar, final
 
@@ -32,14 +32,14 @@ from ...values.arrays import Array, whole
 from ...values.errors import WideberthError, short
 from ...values.plan import TOLERANCE, Plan, Rung
 from ..ocp.transcription import Guess
-from .expected_contact import Judge
 from .giving_way import PlanLevels
 from .instance import Instance
+from .judge import CostJudge, Judge
 from .multistart import MultiStartResult
 from .rollout import follow
 from .starts import suited_each
 from .stopping import stops
-from .verify import Candidate, contact, totals, verify_each
+from .verify import Candidate, contact, verify_each
 
 SWITCHING_MARGIN = 0.05
 """Share of 1 + |cost| that another start has to save before the last plan is given up for it. Head
@@ -69,12 +69,12 @@ class LadderInput:
     ----------
     instance : that plans are verified against.
     outcome : of the solver: its re-checked solutions.
-    judge : what plans are judged by; None where the cost of the problem alone decides.
+    judge : what plans are judged by.
     """
 
     instance: Instance
     outcome: MultiStartResult
-    judge: Judge | None = None
+    judge: Judge = field(default_factory=CostJudge)
 
     @cached_property
     def near(self) -> tuple[Candidate, ...]:
@@ -91,7 +91,7 @@ class LadderInput:
         the side is not changed for noise.
         """
         loyal = self.outcome.before and self.instance.last_inputs is not None
-        if loyal and self.judge is None and candidates[0] is self.outcome.candidates[0]:
+        if loyal and self.judge.loyal and candidates[0] is self.outcome.candidates[0]:
             return candidates[0]
         return min(candidates, key=lambda one: one.cost)
 
@@ -134,7 +134,7 @@ class LadderInput:
         straight = replace(self.at_lowest_level(states, inputs), way=name)
         window = int((np.abs(states - states[-1]).max(axis=1) > 1e-3).sum()) + 1
         depth = contact(instance, straight, window)
-        if self.judge is None and max(depth, straight.found.total) == 0.0:
+        if self.judge.loyal and max(depth, straight.found.total) == 0.0:
             return straight
         names, trajectories = [], []
         for name, states, inputs in ways:
@@ -144,7 +144,7 @@ class LadderInput:
         checked = zip(names, points, verify_each(instance, points), strict=True)
         named = [Candidate(point, found, way=name) for name, point, found in checked]
         every = [straight, *(one for one in (*others, *named) if one.found.leaves)]
-        order = np.argsort(self._harm(every), kind="stable")
+        order = np.argsort(self.judge.harm(every), kind="stable")
         looked_at: list[tuple[Candidate, float]] = []
         for one in (every[k] for k in order):
             looked_at.append((one, depth if one is straight else contact(instance, one, window)))
@@ -152,13 +152,6 @@ class LadderInput:
                 break  # what touches nothing beats all that enter regions more
         least = min(depth for _, depth in looked_at) + TOLERANCE
         return next(one for one, depth in looked_at if depth <= least)
-
-    def _harm(self, every: Sequence[Candidate]) -> Array:
-        """Return by what candidates that enter regions are compared, (C,)."""
-        if self.judge is None:
-            return totals([one.found for one in every])
-        states = np.array([one.point.states for one in every])
-        return self.judge.costs(states[..., : len(self.judge.robot.states)])
 
     def at_lowest_level(self, states: Array, inputs: Array) -> Candidate:
         """Re-check a trajectory at the lowest level that the policy allows."""
@@ -200,8 +193,8 @@ class Optimal(FallbackRung):
         converged = [one for one in trial.near if one.optimal]
         if converged:
             return trial.cheapest(converged)
-        if trial.judge is not None and trial.near:
-            return NotHeld(("a manoeuvre costs less than the solver's plan",))
+        if trial.judge.reason and trial.near:
+            return NotHeld((trial.judge.reason,))
         reasons = [f"solver: {trial.outcome.message}"]
         if not trial.near and trial.outcome.candidates:
             first = trial.outcome.candidates[0]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...plugins.config import ADVICE, describe
+from ...plugins.config import ADVICE, IMPLEMENTED, describe
 from ...predictor import Predictor
 from ...region import Region
 from ...robot import Robot, SpeedLimited
@@ -22,7 +22,7 @@ from ..slots.base import CAPACITIES, SelectiveKind, SlotKind, shared_target
 from ..slots.gaussian_discs import GaussianDiscs, OfDiscs
 from ..slots.static_polygons import StaticPolygons
 from ..solver import Solver
-from .expected_contact import ExpectedContact
+from .judge import EXPECTED_CONTACT, ByCost, Judging
 from .own_uncertainty import Growth
 from .rungs import Fallback
 from .starts import Starts, checked_starts
@@ -76,11 +76,11 @@ class PlannerSettings:
     expected_contact : how plans are judged where people may turn; None for the cost of the problem
         alone. With it the problem holds the likeliest mode of each person's forecast, manoeuvres
         take the place of ``starts``, and a plan's cost is in s, see
-        `wideberth.framework.mpc.planner.expected_contact`.
+        `wideberth.controllers.judging.expected_contact`.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
     further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons. One
         with the name of either takes its place, as ``ways`` does, see
-        `wideberth.framework.mpc.slots.ways`.
+        `wideberth.controllers.slots.ways`.
     own_uncertainty : how the covariance of the observed state grows over the horizon, see
         `OwnUncertainty`; without one in the observation the state is taken as exact.
     fallback : what is driven where a solve fails: the rungs, and whether every plan ends at rest,
@@ -111,7 +111,9 @@ class PlannerSettings:
     margin: float = 0.0
     wall_margin: float | None = None
     starts: Starts = "auto"
-    expected_contact: ExpectedContact | None = None
+    expected_contact: Judging | None = field(
+        default=None, metadata={IMPLEMENTED: EXPECTED_CONTACT}
+    )
     static_region: StaticRegion | None = None
     further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"
@@ -125,6 +127,11 @@ class PlannerSettings:
         """Kinds of things that plans keep clear of, in the order of the problem's slots."""
         first = GaussianDiscs(self.region), StaticPolygons(self.static_region)
         return tuple({kind.name: kind for kind in (*first, *self.further_kinds)}.values())
+
+    @cached_property
+    def judging(self) -> Judging:
+        """How plans are judged."""
+        return self.expected_contact or ByCost()
 
     @cached_property
     def target(self) -> float:

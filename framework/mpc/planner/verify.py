@@ -328,26 +328,10 @@ _NONE = np.zeros((0, 0))
 
 def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
     """Objective at a point that keeps every region, and so needs no slack."""
-    total = float(_evaluated(problem, parameters, point)[3].sum())
+    none = [np.zeros((problem.horizon, 0))] * len(problem.slots)  # a bare point has no auxiliaries
+    lifted = [own.reshape(problem.horizon, -1) for own in point.auxiliaries] or none
+    stages = [point.states[:-1], point.inputs, point.states[1:], parameters.stages()]
+    total = float(problem.stage_costs([*stages, *lifted])[0].sum())
     if problem.shared:
         total += float(problem.level_cost(point.level, parameters.target))
     return total
-
-
-def _evaluated(problem: Problem, parameters: Parameters, point: Guess) -> list[Array]:
-    """`Problem.residuals` at a point, each (N, rows)."""
-    return problem.residual_values([
-        point.states[:-1],
-        point.inputs,
-        point.states[1:],
-        point.level,
-        parameters.stages(),
-        *_lifted(problem, point),
-    ])  # fmt: skip
-
-
-def _lifted(problem: Problem, point: Guess) -> list[Array]:
-    """Auxiliaries of each kind, (N, K A); a bare point has none."""
-    if not point.auxiliaries:
-        return [np.zeros((problem.horizon, 0))] * len(problem.slots)
-    return [own.reshape(problem.horizon, -1) for own in point.auxiliaries]

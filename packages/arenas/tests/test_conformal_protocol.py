@@ -9,12 +9,12 @@ import pytest
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.controller import Controller
 from wideberth.framework.robot import Robot
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
+from wideberth.predictors.data.recordings import Recording
 from wideberth_arenas.controllers.acp import AdaptiveConformalPlanner
 from wideberth_arenas.controllers.cc import ConformalController
 from wideberth_arenas.studies.conformal_forecasts import PublishedForecasts, read_forecasts

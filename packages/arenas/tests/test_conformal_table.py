@@ -7,9 +7,9 @@ import pytest
 
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.errors import WideberthError
 from wideberth.predictors.conformal import Conformal
+from wideberth.predictors.data.recordings import Recording
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.scenarios.recorded_scene import FILES
 from wideberth_arenas.controllers.acp import AdaptiveConformalPlanner

@@ -7,8 +7,8 @@ import pytest
 
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.testing.controller import check_controller
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.errors import WideberthError
+from wideberth.predictors.data.recordings import Recording
 from wideberth.tests.helpers.contracts import Contract
 from wideberth_arenas.controllers.fcp import SOFT, FunctionalConformalPlanner
 from wideberth_arenas.controllers.functional_envelope import OUTSIDE, FieldGrid, FunctionalEnvelope

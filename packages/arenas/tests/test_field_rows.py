@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.predictors.constant_velocity import ConstantVelocity
+from wideberth.predictors.data.recordings import Recording
 from wideberth_arenas.controllers.fcp import FunctionalConformalPlanner
 from wideberth_arenas.studies.conformal_protocol import ROBOT, RecordedCourse
 from wideberth_arenas.studies.field_rows import (

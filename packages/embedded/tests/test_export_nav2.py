@@ -14,7 +14,6 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.framework.control.command_limits import attained
-from wideberth.framework.control.end_of_path import Approach, Arrival, Spin
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Pose, Twist
@@ -29,6 +28,7 @@ from wideberth.packages.embedded.tests.helpers.planner_library import (
 )
 from wideberth_embedded.files import SOURCES
 from wideberth_embedded.whole import whole_planner
+from wideberth_ros.end_of_path import Approach, Arrival, Spin
 
 CPP = shutil.which("c++")
 pytestmark = pytest.mark.skipif(

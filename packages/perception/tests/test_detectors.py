@@ -8,7 +8,8 @@ import pytest
 from wideberth import Polygon, WideberthError
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Sightings
 from wideberth.tests.helpers.contracts import Contract
 from wideberth.tests.oracles.ray_casting import box_corners, cast, scan_of
 from wideberth_perception.detection import discs

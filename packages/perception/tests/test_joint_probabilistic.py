@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from wideberth.benchmarks.joint_probabilistic import JointProbabilistic
-from wideberth.framework.values.sensing import Sightings
-from wideberth.metrics.tracking import TrackScores, track_scores
+from wideberth.simulation.sensing.perceived import Sightings
 from wideberth_perception.tracker import Tracker
 from wideberth_perception.tracking.nearest import Nearest
+from wideberth_perception.tracking_scores import TrackScores, track_scores
 
 pytest.importorskip("stonesoup", reason="compares with Stone Soup, of the dependency group bench")
 

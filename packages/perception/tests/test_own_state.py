@@ -5,7 +5,7 @@ import pytest
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import MotionEstimate
+from wideberth.simulation.sensing.perceived import MotionEstimate
 from wideberth_perception.observed_state import own_state
 
 MEAN = np.array([1.0, -2.0, 0.6, 0.4, 0.0, 0.2])

@@ -8,7 +8,8 @@ import pytest
 from wideberth import WideberthError
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import Scan, Segments, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Segments, Sightings
 from wideberth.tests.oracles.ray_casting import box_corners, scan_of
 from wideberth_perception.detection.chords import Chords
 from wideberth_perception.detection.discs import DiscDetector

@@ -12,9 +12,9 @@ from wideberth import Observation, WideberthError
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.tracking.history import History, admitted
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Scan, Sightings, TrackedObstacle
-from wideberth.metrics.tracking import nees, track_scores
+from wideberth.framework.values.sensing import Scan
 from wideberth.predictors.kalman import Kalman
+from wideberth.simulation.sensing.perceived import Sightings, TrackedObstacle
 from wideberth.tests.helpers.contracts import Contract
 from wideberth.tests.oracles.ray_casting import box_corners, scan_of
 from wideberth_perception.detection.discs import DiscDetector
@@ -27,6 +27,7 @@ from wideberth_perception.tracking.kf_hungarian import KfHungarian
 from wideberth_perception.tracking.motion import carried, corrected
 from wideberth_perception.tracking.nearest import Nearest
 from wideberth_perception.tracking.obstacle_tracker import ObstacleTracker
+from wideberth_perception.tracking_scores import nees, track_scores
 
 KINDS = {name: load("trackers", name) for name in names("trackers")}
 CONTRACT = Contract(KINDS, check_tracker.laws)

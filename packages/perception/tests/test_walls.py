@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from wideberth.framework.values.arrays import FARTHEST
-from wideberth.framework.values.sensing import Segments
+from wideberth.simulation.sensing.perceived import Segments
 from wideberth.tests.oracles.ray_casting import scan_of
 from wideberth_perception.detection.hits import hits_of
 from wideberth_perception.detection.segments import segments_of

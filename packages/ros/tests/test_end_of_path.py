@@ -8,7 +8,6 @@ import pytest
 
 from wideberth import recommended
 from wideberth.controllers import Planner
-from wideberth.framework.control.end_of_path import Arrival
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
@@ -18,6 +17,7 @@ from wideberth.packages.ros.tests.test_node import Scripted, within_limits
 from wideberth.robots import Bicycle, Unicycle
 from wideberth.tests.helpers.bags import header, quaternion, transform, vector
 from wideberth_ros.cli.ros_node import read_node
+from wideberth_ros.end_of_path import Arrival
 from wideberth_ros.following import Following, PathFollower, ResultCode
 from wideberth_ros.messages import messages
 from wideberth_ros.node import ARRIVED

@@ -8,12 +8,12 @@ import pytest
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.tracking.forecaster import KEPT
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.sensing import Scan
 from wideberth.predictors import BUILT_IN, Kalman
+from wideberth.predictors.core.forecaster import KEPT
 from wideberth.tests.helpers.bags import obstacles, odometry, transform
 from wideberth.tests.helpers.network import Network
 from wideberth_nav2.forecast_cells import ForecastCells

@@ -8,7 +8,6 @@ import pytest
 
 from wideberth import Command, Observation
 from wideberth.framework.controller import Controller
-from wideberth.framework.mpc.planner.in_time import VelocityInTime
 from wideberth.framework.values.plan import Plan
 from wideberth.packages.ros.tests.test_goal_heading import Drive
 from wideberth.packages.ros.tests.test_node import EPOCH, Scripted
@@ -16,6 +15,7 @@ from wideberth.packages.ros.tests.test_obstacle_sources import SCAN, Hall
 from wideberth.tests.helpers import hall as the_hall
 from wideberth.tests.helpers.bags import header, transform
 from wideberth.tests.helpers.rays import ranges
+from wideberth_ros.in_time import VelocityInTime
 from wideberth_ros.messages import messages
 from wideberth_ros.obstacle_sources import ScanTopic
 from wideberth_ros.path_sources import PathTopic

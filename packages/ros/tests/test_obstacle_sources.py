@@ -17,12 +17,13 @@ from wideberth.controllers import Planner
 from wideberth.framework.route_planner import Route
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
 from wideberth.packages.ros.tests.test_node import EPOCH, ROBOT, Loop, Scripted
 from wideberth.routes import NavFn
 from wideberth.routes.inflation import Inflation
 from wideberth.routes.polygons import convex_polygons
 from wideberth.routes.replanning import Replanning
+from wideberth.simulation.sensing.perceived import Sightings
 from wideberth.tests.helpers import hall as the_hall
 from wideberth.tests.helpers.bags import header, obstacles, odometry, quaternion, transform, vector
 from wideberth.tests.helpers.network import Network

@@ -10,9 +10,10 @@ from typing import Any
 from .... import __version__
 from ....framework.mpc.slots.base import GaussianKind
 from ....framework.numerics.symbolic import ca
-from ....framework.programs import c_source, listing_of
+from ....framework.programs import listing_of
 from ....framework.values.arrays import Array
 from ....framework.values.errors import WideberthError
+from ...c_text import c_source
 from ...riccati.kernels import Kernels, build, slot_name
 from ...riccati.problem import core_problem
 from ...riccati.solver import Riccati

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.levels.discounted import Discounted
+from wideberth.controllers.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters
 from wideberth.framework.mpc.ocp.reference import lay_reference

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.slots.between_steps import BetweenSteps
+from wideberth.controllers.slots.drawn_futures import DrawnFutures
+from wideberth.controllers.slots.ways import Ways
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
@@ -22,10 +25,7 @@ from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.mpc.planner.verify import entered
 from wideberth.framework.mpc.slots.at_rest import EndOfPlan, positive_part
-from wideberth.framework.mpc.slots.between_steps import BetweenSteps
-from wideberth.framework.mpc.slots.drawn_futures import DrawnFutures
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
-from wideberth.framework.mpc.slots.ways import Ways
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.costs.contouring import Contouring
+from wideberth.controllers.costs.curve import curve_at, curve_width, lay_curve
 from wideberth.framework import names
 from wideberth.framework.mpc.costs.base import Cost
-from wideberth.framework.mpc.costs.contouring import Contouring
-from wideberth.framework.mpc.costs.curve import curve_at, curve_width, lay_curve
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of

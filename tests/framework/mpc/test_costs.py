@@ -7,9 +7,9 @@ from typing import Any, final
 import numpy as np
 import pytest
 
+from wideberth.controllers.costs.contouring import Contouring
 from wideberth.framework import names
 from wideberth.framework.mpc.costs.base import Cost, Moment, ProgressCost, Weights, effort
-from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.reference import Reference, lay_reference
@@ -121,12 +121,6 @@ def test_the_cost_is_set_by_config() -> None:
     for name in ("lag", "rate"):
         with pytest.raises(WideberthError, match=f"contouring.{name} is 0"):
             replace(Contouring(), **{name: 0.0})  # type: ignore[arg-type]
-
-
-def test_a_cost_that_declares_progress_by_a_flag_is_refused() -> None:
-    with pytest.raises(WideberthError, match=r"Old is a Cost with follows = True.*ProgressCost"):
-        type("Old", (Cost,), {"follows": True})
-    type("Plain", (Cost,), {"follows": False})
 
 
 def test_a_cost_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth.framework.mpc.costs.contouring import Contouring
+from wideberth.controllers.costs.contouring import Contouring
+from wideberth.controllers.recommended import recommended
 from wideberth.framework.mpc.ocp.command_robot import command_robot_of
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.recommended import recommended
 from wideberth.framework.mpc.planner.starts import OTHERS, faces_away, other_starts
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wideberth.controllers.levels.discounted import Discounted
 from wideberth.experiments.engine.closed_loop import condense
 from wideberth.experiments.engine.text_tables import markdown_table
 from wideberth.experiments.report.player import content
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise, level_of, tail_of
-from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner

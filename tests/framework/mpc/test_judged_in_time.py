@@ -18,8 +18,6 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.verify import Violation
 from wideberth.framework.mpc.slots.base import Touch
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.tracking.recordings import Recording
-from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.path import Path
@@ -30,6 +28,8 @@ from wideberth.metrics.episode import content_bound
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal, Stated, _truth
 from wideberth.predictors.conformal import Conformal
 from wideberth.predictors.core.calibration import replayed, squared_distances
+from wideberth.predictors.data.recordings import Recording
+from wideberth.predictors.data.windows import cut_windows
 from wideberth.simulation.engine.agents import ReplayAgent
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures.episode_measures import Sampled, measures

@@ -5,11 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from wideberth.controllers.levels.discounted import Discounted
+from wideberth.controllers.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
-from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.rollout import steer

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wideberth import experiments
+from wideberth.controllers.levels.discounted import Discounted
+from wideberth.controllers.levels.risk_allocation import RiskAllocation
 from wideberth.framework import names
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise
-from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.plugins.registry import load
@@ -150,12 +150,6 @@ class Twice(LevelPolicy):
 
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         return Fixed(2.0 * self.tail).levels(region, steps, obstacles, dimension)
-
-
-def test_a_policy_that_declares_a_shared_level_by_a_flag_is_refused() -> None:
-    with pytest.raises(WideberthError, match=r"Old is a LevelPolicy with shared = True.*Shared"):
-        type("Old", (LevelPolicy,), {"shared": True})
-    type("Plain", (LevelPolicy,), {"shared": False})
 
 
 def test_a_risk_must_not_be_promised_with_any_region() -> None:

@@ -13,10 +13,10 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.walls import box
 from wideberth.predictors.kalman import Kalman
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.routes.walls import box
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.planning import approach, at, planner
 

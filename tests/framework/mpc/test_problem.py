@@ -59,6 +59,7 @@ from wideberth.tests.helpers.problems import (
     with_auxiliaries,
 )
 from wideberth.tests.helpers.region_samples import PAPER
+from wideberth.tests.helpers.residuals import residuals
 
 ROBOTS = [Unicycle(), DifferentialDrive(), Bicycle(), Holonomic()]
 
@@ -248,7 +249,7 @@ def full(rng: np.random.Generator) -> tuple[Problem, Parameters, Guess]:
 @pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
 @pytest.mark.parametrize("staged", [False, True])
 def test_both_forms_hold_the_same_problem(staged: bool, symbol: Any) -> None:
-    """Constraints, cost and bounds against `Problem.residuals`, with which plans are checked."""
+    """Constraints, cost and bounds against `residuals`, a second implementation."""
     problem, parameters, point = full(np.random.default_rng(4))
     form = Transcription(problem, staged=staged, symbol=symbol)
     flat = form.pack(point)
@@ -266,7 +267,7 @@ def test_both_forms_hold_the_same_problem(staged: bool, symbol: Any) -> None:
         np.full((STEPS, 1), point.level), parameters.stages(),
         *(one.reshape(STEPS, -1) for one in point.auxiliaries),
     )  # fmt: skip
-    gap, limits, room, cost, *rows = evaluated(problem.residuals, stages)
+    gap, limits, room, cost, *rows = evaluated(residuals(problem), stages)
     pairs = (point.states[1:], problem.state_bounds), (point.inputs, problem.input_bounds)
     sides = [
         side
@@ -411,10 +412,10 @@ def test_an_equality_that_does_not_hold_enters_a_region_by_as_much() -> None:
 
 
 def by_residuals(problem: Problem, parameters: Parameters, point: Guess) -> tuple[Any, Any]:
-    """How far a point breaks the motion and enters regions, by `Problem.residuals`."""
+    """How far a point breaks the motion and enters regions, by `residuals`."""
     lifted = [own.reshape(problem.horizon, -1) for own in point.auxiliaries]
     stages = [point.states[:-1], point.inputs, point.states[1:], point.level, parameters.stages()]
-    gaps, limits, bounds, _, *rows = evaluated(problem.residuals, [*stages, *lifted])
+    gaps, limits, bounds, _, *rows = evaluated(residuals(problem), [*stages, *lifted])
     motion = np.concatenate([np.abs(gaps), -limits, -bounds], axis=1).max(axis=1, initial=0.0)
     regions = [np.zeros((problem.horizon, 0))]
     pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Services, step
 from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.mpc.slots.gaussian_discs import DiscNumbers, GaussianDiscs, ObstacleSet

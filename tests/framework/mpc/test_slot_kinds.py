@@ -13,8 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.diagnosis.explain import SolveRecord
-from wideberth.framework.mpc.diagnosis.solve_record import read_solve, write_solve
+from wideberth.controllers.diagnosis.explain import SolveRecord
+from wideberth.controllers.diagnosis.solve_record import read_solve, write_solve
+from wideberth.controllers.slots.drawn_futures import DrawnFutures
+from wideberth.controllers.slots.ways import Ways
 from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
 from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.planner.verify import violation
@@ -27,10 +29,8 @@ from wideberth.framework.mpc.slots.base import (
     SlotSizes,
     Touch,
 )
-from wideberth.framework.mpc.slots.drawn_futures import DrawnFutures
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
-from wideberth.framework.mpc.slots.ways import Ways
 from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.robot import Robot

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from wideberth import recommended
+from wideberth.controllers.costs.smooth_tracking import SmoothTracking
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.base import Cost, Weights
-from wideberth.framework.mpc.costs.smooth_tracking import SmoothTracking
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.command_robot import command_robot_of

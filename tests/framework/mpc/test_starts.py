@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wideberth.benchmarks.recorded_instances import read_instances, worst_violation
-from wideberth.framework.mpc.costs.contouring import Contouring
+from wideberth.controllers.costs.contouring import Contouring
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
+from wideberth.controllers.recommended import recommended
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.recommended import recommended
 from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.static_region import StaticRegion
 from wideberth.framework.values.errors import WideberthError

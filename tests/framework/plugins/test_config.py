@@ -12,7 +12,7 @@ import pytest
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build, describe, import_plugins
 from wideberth.framework.plugins.registry import ROOMS, register
-from wideberth.framework.plugins.yamlfile import apply, dump, parse, read_config, read_merged
+from wideberth.framework.plugins.yamlfile import apply, dump, parse, read_config
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.values.arrays import Array, positive
 from wideberth.framework.values.errors import WideberthError
@@ -302,74 +302,10 @@ def test_plugins_are_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             import_plugins(wrong)  # type: ignore[arg-type]
 
 
-MERGED = """
-first: &shared {rate: 1, name: a}
-node: {rate: 2, deep: {left: 1}}
-node: {name: b, deep: {right: 2}}
-other: *shared
-other: {name: c}
-rate: [1, 2]
-rate: 3
-"""
-
-
-def test_keys_that_stand_twice_are_merged_where_ros_does_so(tmp_path: Path) -> None:
-    """The last value holds, mappings are merged, and what an alias names stays as it is."""
-    file = tmp_path / "params.yaml"
-    file.write_text(MERGED)
-    value, twice = read_merged(file)
-    assert value == {
-        "first": {"rate": 1, "name": "a"},
-        "node": {"rate": 2, "deep": {"left": 1, "right": 2}, "name": "b"},
-        "other": {"rate": 1, "name": "c"},
-        "rate": 3,
-    }
-    assert twice == (
-        "node (line 4)", "deep (line 4)", "other (line 6)", "name (line 6)", "rate (line 8)"
-    )  # fmt: skip
-    with pytest.raises(WideberthError, match="key 'node' stands twice"):
-        read_config(file)
-
-
-def test_many_keys_that_stand_twice_are_merged_soon(tmp_path: Path) -> None:
-    file = tmp_path / "params.yaml"
-    file.write_text("".join(f"node: {{key{i}: 1}}\n" for i in range(2000)))
-    value, _ = read_merged(file)
-    assert len(value["node"]) == 2000
-    file.write_text("".join(f"node: {{key{i}: 1}}\n" for i in range(4000)))
-    with pytest.raises(WideberthError, match="more than 10000 values"):
-        read_merged(file)
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("a:\t0.5", {"a": 0.5}),
-        ("a: 0.5\t# m", {"a": 0.5}),
-        ("a: 0.5 \t \nb:\t\n  c: 1\t\n", {"a": 0.5, "b": {"c": 1}}),
-        ("a\t:\t&x 3\nb:\t*x", {"a": 3, "b": 3}),
-        ("a: two\twords\t", {"a": "two\twords"}),
-        ("a: two\t\n  words", {"a": "two words"}),
-        ("-\t3\n- 4\t", [3, 4]),
-        ("a: 1\n\t\n \t# by hand\nb: 2", {"a": 1, "b": 2}),
-        ("a: [1,\t2\t,\n\t3]\t# three", {"a": [1, 2, 3]}),
-        ("{a:\t1\t,\tb: 2\t}", {"a": 1, "b": 2}),
-        ("a: '\tx'", {"a": "\tx"}),
-    ],
-)
-def test_tabs_separate(text: str, value: object) -> None:
-    assert parse(text, "c") == value
-
-
 @pytest.mark.parametrize("text", ["a:\n\tb: 1", "\ta: 1", "a: 1\n  \tb: 2", "-\t- 1", "-\ta: 1"])
 def test_tabs_do_not_indent(text: str) -> None:
     with pytest.raises(WideberthError, match="is not YAML"):
         parse(text, "c")
-
-
-def test_a_line_of_tabs_is_read_in_one_go() -> None:
-    blanks = "\t " * 100_000
-    assert parse(f"a:{blanks}1\n{blanks}\nb: [1,{blanks}2]{blanks}", "c") == {"a": 1, "b": [1, 2]}
 
 
 @pytest.mark.parametrize("text", ["010", "-007", "00", "0_7", "1_000", "1_000.5", "1:30", "1:30.5",

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from wideberth.controllers.diagnosis.solve_record import read_solve
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.engine.extract import answering
 from wideberth.experiments.engine.runner import draw, reopen, reopened
-from wideberth.framework.mpc.diagnosis.solve_record import read_solve
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build, import_plugins, load_plugin
 from wideberth.framework.plugins.io import read_arrays

@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -10,45 +9,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wideberth.controllers.diagnosis.solve_record import read_solve
 from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.engine.tasks import read_task
-from wideberth.framework.mpc.diagnosis.solve_record import read_solve
 from wideberth.framework.plugins.config import build, describe, load_plugin
 from wideberth.framework.plugins.io import expanded, read_json
 from wideberth.framework.plugins.yamlfile import apply, parse, read_config
-from wideberth.framework.tracking.recordings import read_robot_log, read_tracks
 from wideberth.framework.values.errors import WideberthError
+from wideberth.predictors.data.recordings import read_robot_log, read_tracks
 from wideberth.simulation.log.episode_log import Episode
-
-BILLION = "a0: &a0 [1, 1]\n" + "".join(
-    f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]\n" for k in range(1, 29)
-)
-MERGES = "a0: &a0 {x: 1}\n" + "".join(
-    f"a{k}: &a{k} {{<<: [*a{k - 1}, *a{k - 1}, *a{k - 1}], y{k}: 1}}\n" for k in range(1, 25)
-)
-CHAIN = "a0: &a0 [1]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}]\n" for k in range(1, 900))
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (BILLION, r"line 1\d.*more than 10000 values"),
-        (MERGES, r"line 8.*more than 10000 values"),
-        (CHAIN, r"line 29.*nested more than 30 deep"),
-        ("".join(f"k{i}: 1\n" for i in range(60_000)), r"line 5000.*more than 10000 values"),
-        ("# comment\n" * 2_000_000, r"20000000 .*wanted at most 1048576"),
-        ("[" * 100_000, r"nested more than 30 deep; is a bracket left open"),
-        ("{a: " * 100_000, r"nested more than 30 deep"),
-        ("- " * 50_000 + "1", r"nested more than 30 deep"),
-        ("a: &a [*a]", r"column 8.*\*a stands within what it names"),
-        ("a: &a {b: *a}", r"\*a stands within what it names"),
-        ("a: &a\n  <<: *a", r"\*a stands within what it names"),
+        ("[" * 100_000, r"nested too deep; is a bracket left open"),
+        ("{a: " * 100_000, r"nested too deep"),
+        ("- " * 50_000 + "1", r"nested too deep"),
         ("a: *b", r"undefined alias"),
         ("a: " + "7" * 5001, r"'777.*is no number that can be held"),
-        ("a: " + "1:" * 100_000 + "1", r"is no number that can be held"),
-        ("a: 0." + "7" * 5001, r"is no number that can be held"),
+        ("a: " + "1:" * 100_000 + "1", r"is not the same number to all readers of YAML"),
         ("a: 1e9999", r"column 4.*1e9999 is too large for a number; infinity is written \.inf"),
         ("a: -1.0e+9999", r"too large for a number"),
         ("a: 2020-13-45", r"'2020-13-45' is no number"),
@@ -75,7 +57,7 @@ def test_yaml(text: str, words: str, tmp_path: Path) -> None:
 def test_yaml_that_is_large_and_sound() -> None:
     assert len(parse("".join(f"k{i}: {i}\n" for i in range(4000)), "x")) == 4000
     assert parse("a: .inf\nb: &b {x: 1}\nc: [*b, *b]", "x")["c"] == [{"x": 1}, {"x": 1}]
-    assert len(parse("a: [" + "1, " * 12_000 + "]", "x", times=64)["a"]) == 12_000
+    assert len(parse("a: [" + "1, " * 12_000 + "]", "x")["a"]) == 12_000
 
 
 def test_merged_mappings_are_no_repeated_keys() -> None:
@@ -88,8 +70,7 @@ def test_merged_mappings_are_no_repeated_keys() -> None:
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("a=" + "[" * 5000, r"nested more than 30 deep"),
-        (".".join("a" * 5000) + "=1", r"the key has 5000 parts; wanted at most 30"),
+        ("a=" + "[" * 5000, r"nested too deep"),
         ("list." + "9" * 5000 + "=1", r"no index of it"),
         ("a=" + "7" * 5001, r"is no number that can be held"),
         ("x" * 100_000, r"wanted KEY=VALUE"),
@@ -101,17 +82,10 @@ def test_overrides(override: str, words: str) -> None:
     assert len(str(caught.value)) < 5600
 
 
-def nested(key: str, depth: int) -> str:
-    return f'{{"{key}": ' * depth + "1" + "}" * depth
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[" * 200_000, r"nested more than 60 deep"),
-        ("[" * 500 + "]" * 500, r"nested more than 60 deep"),
-        ('{"format": "wideberth/plugin", "version": 1, "room": "predictors", "plugin": '
-         + nested("base", 300) + "}", r"nested more than 60 deep"),
+        ("[" * 200_000, r"nested too deep"),
         ('{"version": ' + "1" * 5001 + "}", r"cannot be read as JSON"),
         ('{"format": "' + "x" * 10**6 + '"}', r"has format 'xxx"),
         ('{"format": "wideberth/plugin", "version": [[]]}', r"has version \[\[\]\]"),
@@ -126,8 +100,7 @@ def test_json(text: str, words: str, tmp_path: Path) -> None:
     assert len(str(caught.value)) < 500
 
 
-def test_files_that_never_end_or_are_too_large(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
+def test_files_that_are_too_large(tmp_path: Path) -> None:
     with (tmp_path / "large").open("wb") as file:
         file.truncate(2**31)
     readers: list[Callable[[Path], object]] = [
@@ -138,8 +111,6 @@ def test_files_that_never_end_or_are_too_large(tmp_path: Path) -> None:
         lambda path: read_robot_log(path, 0.4),
     ]
     for read in readers:
-        with pytest.raises(WideberthError, match=r"is a pipe or a device"):
-            read(tmp_path / "pipe")
         with pytest.raises(WideberthError, match=r"has 2147483648 bytes; wanted at most"):
             read(tmp_path / "large")
 
@@ -189,7 +160,7 @@ def bomb() -> bytes:
         (archive(), r"it has no array 'meta'"),
         (archive(meta=np.zeros(3)), r"not a saved episode"),
         (archive(numbers=np.zeros(3), meta=np.array([{"a": 1}])), r"damaged npz archive"),
-        (archive(meta=np.frombuffer(b"[" * 9999, np.uint8), numbers=np.zeros(1)), r"nested more"),
+        (archive(meta=np.frombuffer(b"[" * 9999, np.uint8), numbers=np.zeros(1)), r"nested too"),
         (described(), r"episode is damaged \(KeyError: 'polygons'\)"),
         (described(times=3, agents=[]), r"episode is damaged"),
         (described(times={"at": 0, "shape": [10**9, 10**9]}, agents=[]), r"episode is damaged"),

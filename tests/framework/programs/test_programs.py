@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins import registry
-from wideberth.framework.programs import Program, c_source, listing_of
+from wideberth.framework.programs import Program, listing_of
 from wideberth.framework.programs.operations import OPERATIONS
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Pose
 from wideberth.regions import BUILT_IN as REGIONS
 from wideberth.robots import BUILT_IN as ROBOTS
+from wideberth.solvers.c_text import c_source
 from wideberth.solvers.riccati.compile_once import compile_once
 
 _evaluator = pytest.importorskip("wideberth.framework.programs._evaluator")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.reactive import Neighbours
-from wideberth.framework.mpc.planner.recommended import recommended
+from wideberth.controllers.recommended import recommended
 from wideberth.framework.plugins.config import build
 from wideberth.framework.tracking.history import History
 from wideberth.framework.tracking.names import FASTEST, LEAP

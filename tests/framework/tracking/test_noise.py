@@ -13,10 +13,10 @@ from wideberth.framework.tracking.noise import (
     estimated_noise,
     window_likelihoods,
 )
-from wideberth.framework.tracking.recordings import read_tracks
-from wideberth.framework.tracking.resampling import resampled_tracks
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Detection
+from wideberth.predictors.data.recordings import read_tracks
+from wideberth.predictors.data.resampled import resampled_tracks
 
 WALK, DRIVE = (1.3, 1.0), (0.5, 0.7)
 """Speed, m/s, and largest acceleration, m/s^2."""

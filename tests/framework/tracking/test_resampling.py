@@ -5,9 +5,10 @@ import pytest
 
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.tracking.history import History
-from wideberth.framework.tracking.resampling import interpolated, resampled_tracks
+from wideberth.framework.tracking.resampling import interpolated
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection
+from wideberth.predictors.data.resampled import resampled_tracks
 
 NAN = np.nan
 

@@ -33,6 +33,7 @@ from wideberth.robots.bicycle import Bicycle
 from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.problems import among, assemble, built_in, with_auxiliaries
+from wideberth.tests.helpers.residuals import residuals
 
 DISCS = Discs(((0.6, 0.0), (0.1, 0.05), (-0.4, -0.1)), 0.35)
 CAR = Outline(((0.9, 0.3), (-0.3, 0.35), (-0.4, -0.2), (0.7, -0.3)))
@@ -205,7 +206,7 @@ def rows(problem: Problem, parameters: Parameters, point: Guess) -> tuple[np.nda
     level = np.full((int(problem.shared), STEPS), point.level)
     path = (point.states[:-1].T, point.inputs.T, point.states[1:].T)
     lifted = [own.reshape(STEPS, -1).T for own in point.auxiliaries]
-    stated = problem.residuals(*path, level, parameters.stages().T, *lifted)
+    stated = residuals(problem)(*path, level, parameters.stages().T, *lifted)
     free, tied = stated[4], stated[5]
     values = free.full().reshape(problem.slots[0].count, len(DISCS.centres), -1, STEPS)
     return np.moveaxis(values.min(axis=2), -1, 0), tied.full()

@@ -6,7 +6,7 @@ import pytest
 from wideberth import Path
 from wideberth.framework.values.passage import passable
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.walls import box
+from wideberth.routes.walls import box
 
 STRAIGHT = Path(np.array([(-4.0, 0.0), (4.0, 0.0)]))
 OBLIQUE = Path(np.array([(-4.0, 0.8), (0.0, 0.0), (4.0, -0.8)]))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import (
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import (
     InertialSample,
     MotionEstimate,
-    Scan,
     Sightings,
     WheelSample,
 )

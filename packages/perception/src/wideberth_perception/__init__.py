@@ -18,6 +18,7 @@ _NAMES = {
     "testing.state_estimator": "check_state_estimator",
     "testing.tracker": "check_tracker",
     "tracker": "Tracker",
+    "tracking_scores": "gospa track_scores",
 }
 """Module -> its public names, which are imported on first use."""
 

@@ -22,4 +22,6 @@ from .testing.detector import check_detector as check_detector
 from .testing.state_estimator import check_state_estimator as check_state_estimator
 from .testing.tracker import check_tracker as check_tracker
 from .tracker import Tracker as Tracker
-__all__ = ['Detector', 'InertialUnit', 'LARGE', 'Lidar', 'PhysicalPerson', 'PhysicalRobot', 'PhysicalScene', 'PhysicsWorld', 'SkidSteerBody', 'StateEstimator', 'Tracker', 'WheelEncoders', 'by_gap', 'check_detector', 'check_state_estimator', 'check_tracker', 'film', 'hits_of', 'own_state', 'slip_of']
+from .tracking_scores import gospa as gospa
+from .tracking_scores import track_scores as track_scores
+__all__ = ['Detector', 'InertialUnit', 'LARGE', 'Lidar', 'PhysicalPerson', 'PhysicalRobot', 'PhysicalScene', 'PhysicsWorld', 'SkidSteerBody', 'StateEstimator', 'Tracker', 'WheelEncoders', 'by_gap', 'check_detector', 'check_state_estimator', 'check_tracker', 'film', 'gospa', 'hits_of', 'own_state', 'slip_of', 'track_scores']

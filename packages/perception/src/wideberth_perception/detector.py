@@ -3,7 +3,8 @@
 from abc import ABC, abstractmethod
 
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Sightings
 
 
 class Detector(ABC):

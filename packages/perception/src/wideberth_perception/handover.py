@@ -6,7 +6,7 @@ from typing import Literal, final
 
 from wideberth.framework.values.arrays import checked_choice, number
 from wideberth.framework.values.motion import Detection
-from wideberth.framework.values.sensing import TrackedObstacle
+from wideberth.simulation.sensing.perceived import TrackedObstacle
 
 Batch = tuple[Detection, ...]
 

@@ -7,7 +7,7 @@ from wideberth.framework.robot import Robot
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Pose, Twist
-from wideberth.framework.values.sensing import MotionEstimate
+from wideberth.simulation.sensing.perceived import MotionEstimate
 
 
 def own_state(

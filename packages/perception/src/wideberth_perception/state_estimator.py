@@ -6,7 +6,8 @@ import numpy as np
 
 from wideberth.framework.values.arrays import Array, checked, number
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import InertialSample, MotionEstimate, Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample, MotionEstimate, WheelSample
 
 Sample = Scan | WheelSample | InertialSample
 """Anything that a sensor on the robot reports."""

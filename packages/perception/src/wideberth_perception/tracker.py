@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 
-from wideberth.framework.values.sensing import Sightings, TrackedObstacle
+from wideberth.simulation.sensing.perceived import Sightings, TrackedObstacle
 
 
 class Tracker(ABC):

@@ -6,7 +6,7 @@ import numpy as np
 
 from wideberth.framework.values.arrays import FARTHEST, Array
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import Segments
+from wideberth.simulation.sensing.perceived import Segments
 
 STRAIGHT = 0.05
 """m, by which the ends of segments that are joined may lie beside one line."""

@@ -14,7 +14,7 @@ from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
-from wideberth.framework.values.sensing import Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.robots.unicycle import Unicycle
@@ -22,6 +22,7 @@ from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import Run
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.sensing.perceived import WheelSample
 from wideberth_perception.cascade.cascade import SensingPipeline
 from wideberth_perception.cascade.faults import Faults
 from wideberth_perception.cascade.senses import Watchdog

@@ -14,11 +14,11 @@ from wideberth.framework.robot import step
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import MotionEstimate
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.simulation.sensing.perceived import MotionEstimate
 from wideberth.solvers.fatrop import Fatrop
 from wideberth_perception.detection.discs import DiscDetector
 from wideberth_perception.state_estimator import Sample, StateEstimator

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wideberth import WideberthError
-from wideberth.framework.values.sensing import MotionEstimate, Segments, Sightings, TrackedObstacle
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.log.perception_log import (
     Glance,
@@ -15,6 +14,12 @@ from wideberth.simulation.log.perception_log import (
     PipelineStop,
     TrueBody,
     TrueStage,
+)
+from wideberth.simulation.sensing.perceived import (
+    MotionEstimate,
+    Segments,
+    Sightings,
+    TrackedObstacle,
 )
 from wideberth_perception.cascade.measures import perception_row
 from wideberth_perception.cascade.naming import named

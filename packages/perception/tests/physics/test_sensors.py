@@ -9,7 +9,8 @@ import shapely
 from wideberth import WideberthError
 from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample, WheelSample
 from wideberth_perception.physics.body import LARGE, SkidSteerBody
 from wideberth_perception.physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from wideberth_perception.physics.sensors import (

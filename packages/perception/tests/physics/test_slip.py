@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from wideberth import WideberthError
 from wideberth.framework.values.motion import Twist
-from wideberth.framework.values.sensing import WheelSample
+from wideberth.simulation.sensing.perceived import WheelSample
 from wideberth_perception.physics.body import LARGE, SkidSteerBody
 from wideberth_perception.physics.calibration import fitted, measured, suggested_yaw_gain
 from wideberth_perception.physics.scene import PhysicalRobot, PhysicalScene

@@ -8,7 +8,8 @@ from scipy.stats import chi2
 
 from wideberth.framework.numerics.integration import slopes
 from wideberth.framework.plugins.config import build
-from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample, WheelSample
 from wideberth.tests.helpers.driven import driven
 from wideberth_perception.state import planar
 from wideberth_perception.state.model import (

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.motion import Twist
-from wideberth.framework.values.sensing import InertialSample
+from wideberth.simulation.sensing.perceived import InertialSample
 
 FILTERS = ("ekf", "ukf")
 

@@ -8,7 +8,8 @@ from scipy.stats import chi2
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample, WheelSample
 from wideberth.tests.helpers.driven import block, cast, driven, in_order, room, scans
 from wideberth_perception.state import scan_matching
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, final
 
-from wideberth.framework.tracking.recordings import storage_files
 from wideberth.framework.values.errors import WideberthError, short
+from wideberth.predictors.data.recordings import storage_files
 
 from .mcap_recovery import check_chunks, recovered_messages
 from .ros_extra import needed

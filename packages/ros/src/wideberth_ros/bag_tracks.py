@@ -7,9 +7,9 @@ from typing import final
 
 import numpy as np
 
-from wideberth.framework.tracking.recordings import Recording, gridded
 from wideberth.framework.values.arrays import Array, positive
 from wideberth.framework.values.errors import WideberthError
+from wideberth.predictors.data.recordings import Recording, gridded
 
 from .bag import Bag, Timed, read_bag
 from .decoding import OBSTACLES, ObstaclesMessage, OdometryMessage
@@ -52,7 +52,7 @@ def read_bag_tracks(
         all odometry, each robot under the name of its topic.
     frame : in which positions are wanted; by default `Bag.fixed_frame`.
     bridge : s; positions are interpolated linearly across gaps up to this long.
-    minimum_samples, longest_gap : as in `wideberth.framework.tracking.recordings.read_tracks`.
+    minimum_samples, longest_gap : as in `wideberth.predictors.data.recordings.read_tracks`.
 
     The notes name the topics that were used, and those that could be.
 

@@ -7,11 +7,11 @@ from typing import final
 
 import numpy as np
 
-from wideberth.framework.control.end_of_path import Arrival
 from wideberth.framework.mpc.planner.standing import BLOCKED
 from wideberth.framework.values.arrays import Array, positive
 
 from .decoding import Goal
+from .end_of_path import Arrival
 from .frames import within_pi
 from .node import PlannerNode
 
@@ -47,7 +47,7 @@ class Following:
     Parameters
     ----------
     tolerance : m from the last point, within which the robot is there and brakes, see
-        `wideberth.framework.control.end_of_path.Arrival`.
+        `wideberth_ros.end_of_path.Arrival`.
     yaw_tolerance : rad, by which its heading may be off that of the last pose; it turns on the
         spot. From pi on any heading will do.
     slow : m/s, below which it stands.

@@ -11,7 +11,6 @@ from typing import Any, final
 import numpy as np
 
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.tracking.forecaster import Forecaster
 from wideberth.framework.values.arrays import Array, checked, positive
 from wideberth.framework.values.errors import WideberthError, short
 from wideberth.framework.values.forecast import Forecast
@@ -19,6 +18,7 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.sensing import Scan
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.core.forecaster import Forecaster
 from wideberth_nav2.forecast_cells import ForecastCells
 
 from .decoding import DecodedMessage, OdometryMessage, Transforms, decode_message

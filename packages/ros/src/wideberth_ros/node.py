@@ -12,9 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from wideberth.framework.control.command_limits import attained, turns_on_the_spot, within_reach
-from wideberth.framework.control.end_of_path import Approach, Arrival, Spin
 from wideberth.framework.controller import Controller, avoids_polygons
-from wideberth.framework.mpc.planner.in_time import VelocityInTime
 from wideberth.framework.mpc.planner.standing import BLOCKED
 from wideberth.framework.robot import Robot
 from wideberth.framework.tracking.stand_ins import sound
@@ -25,7 +23,8 @@ from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.polygon import separation
-from wideberth.framework.values.sensing import MotionEstimate, Scan
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import MotionEstimate
 from wideberth_perception.observed_state import own_state
 
 from .command_topic import CommandTopic
@@ -38,6 +37,8 @@ from .decoding import (
     decode_message,
 )
 from .encoding import MessageEncoder
+from .in_time import VelocityInTime
+from .end_of_path import Approach, Arrival, Spin
 from .link import Publisher, Transport
 from .node_settings import NodeSettings
 from .obstacle_sources import (

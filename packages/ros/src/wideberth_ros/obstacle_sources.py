@@ -16,7 +16,8 @@ from wideberth.framework.values.arrays import LATEST, Array, positive
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import PlacedScan, Scan, Sightings
+from wideberth.framework.values.sensing import PlacedScan, Scan
+from wideberth.simulation.sensing.perceived import Sightings
 from wideberth_perception.detector import Detector
 from wideberth_perception.handover import Batch, Handover
 from wideberth_perception.tracker import Tracker

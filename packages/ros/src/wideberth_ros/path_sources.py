@@ -43,7 +43,7 @@ class PathTopic:
     Parameters
     ----------
     topic : of the paths.
-    tolerance : m from the path's end, see `wideberth.framework.control.end_of_path.Arrival`.
+    tolerance : m from the path's end, see `wideberth_ros.end_of_path.Arrival`.
     yaw_tolerance : rad, by which its heading may then be off that of the last pose; from pi on any
         heading will do. The defaults of both are Nav2's.
 

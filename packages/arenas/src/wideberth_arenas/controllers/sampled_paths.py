@@ -14,7 +14,6 @@ from wideberth.framework.controller import Controller, checked_path, checked_rea
 from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.robot import Robot
-from wideberth.framework.tracking.forecaster import Forecaster
 from wideberth.framework.tracking.history import viewpoint
 from wideberth.framework.tracking.stand_ins import checked_places
 from wideberth.framework.values.arrays import Array, positive, whole
@@ -23,6 +22,7 @@ from wideberth.framework.values.failures import caught
 from wideberth.framework.values.motion import Command, Observation, Pose, Twist, checked_numbers
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
+from wideberth.predictors.core.forecaster import Forecaster
 
 Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
 """Numbers of single precision, as the published codes have them."""

@@ -11,8 +11,8 @@ import numpy as np
 from wideberth.framework.values.arrays import Array, checked_choice, whole
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.walls import box
 from wideberth.metrics.gaps import gaps, wall_gaps
+from wideberth.routes.walls import box
 from wideberth.simulation.engine.agents import ReplayAgent
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.scenarios.base import Cast, Placement, Scenario

@@ -10,10 +10,10 @@ import numpy as np
 
 from wideberth.framework.controller import Controller, DrivesRobot
 from wideberth.framework.robot import Robot
-from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array, BoolArray
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
 from wideberth.framework.values.path import Path
+from wideberth.predictors.data.recordings import Recording
 from wideberth.robots.unicycle import Unicycle
 
 PERSON = float(1.0 / np.sqrt(2.0))

@@ -19,8 +19,8 @@ from wideberth.framework.controller import fresh
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.io import expanded
 from wideberth.framework.predictor import Fittable
-from wideberth.framework.tracking.recordings import read_tracks
 from wideberth.framework.values.arrays import positive, whole
+from wideberth.predictors.data.recordings import read_tracks
 from wideberth.simulation.scenarios.recorded_scene import FILES, PLAZA, SCENES
 
 from ..controllers.acp import AdaptiveConformalPlanner
@@ -146,13 +146,6 @@ class ConformalTable(GridStudy):
         "dixit2023adaptive,lekeufack2024conformal,shin2025egocentric,shin2026prediction,"
         "efron1993introduction"
     )
-    captions: ClassVar[Mapping[str, str]] = {
-        "conformal_table": (
-            "Share of rows with a person too near against the share of starts from which the "
-            "goal is reached; bars are 95 % intervals of the difference to ours."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("collision", "arrivals", "steps")
     printed: ClassVar[tuple[str, ...]] = (
         *("starts", "collision", "infeasible", "steps", "arrivals", "hits", "unavoidable"),
         *(*KINDS, "p_difference"),

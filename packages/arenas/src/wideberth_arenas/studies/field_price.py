@@ -238,13 +238,6 @@ class FieldPrice(GridStudy):
         "A constant keeps the functional envelope's promise and gives up less distance."
     )
     reference: ClassVar[str] = "shin2026prediction, lei2015conformal"
-    captions: ClassVar[Mapping[str, str]] = {
-        "field_price": (
-            "Distance given up at three times ahead for the same promise: the functional envelope "
-            "and a constant."
-        )
-    }
-    headline: ClassVar[tuple[str, ...]] = ("u_12_m", "field_step", "plan")
     printed: ClassVar[tuple[str, ...]] = (
         *("u_1_m", "u_6_m", "u_12_m", "more_u_12_m", "more_u_12_m_low", "more_u_12_m_high"),
         *("field_step", "field", "plan", "person_step"),

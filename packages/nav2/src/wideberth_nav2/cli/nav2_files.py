@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from wideberth.controllers.recommended import HEADROOM, recommended
 from wideberth.experiments.engine.closed_loop import controllers_of
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
 from wideberth.framework import read_config
 from wideberth.framework.controller import DrivesRobot
-from wideberth.framework.mpc.planner.recommended import HEADROOM, recommended
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.plugins.yamlfile import dump
 from wideberth.framework.robot import Robot

@@ -9,10 +9,10 @@ import numpy as np
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.yamlfile import shared_settings
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.tracking.forecaster import Forecaster
 from wideberth.framework.values.arrays import Array, positive
 from wideberth.framework.values.failures import caught
 from wideberth.framework.values.motion import Observation
+from wideberth.predictors.core.forecaster import Forecaster
 
 from .local_controller import Answer, CompositeController, ExpectedPeople, LocalController, Tick
 from .mppi import MPPI

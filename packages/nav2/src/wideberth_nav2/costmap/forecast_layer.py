@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from typing import final
 
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.tracking.forecaster import Forecaster
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.forecast import Forecast
+from wideberth.predictors.core.forecaster import Forecaster
 
 from ..forecast_cells import ForecastCells
 

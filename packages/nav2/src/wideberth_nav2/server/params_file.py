@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-from wideberth.framework.plugins.yamlfile import parse, read_merged
+from wideberth.framework.plugins.yamlfile import parse
 from wideberth.framework.values.arrays import number
 from wideberth.framework.values.errors import WideberthError, nearest
 
@@ -16,6 +16,7 @@ from ..goal_checker import GoalChecker
 from ..parameters import NAMES, UnknownParameters, at_default, effective, names_of, refuse_unknown
 from ..path_handler import PathHandler
 from .recoveries import Recoveries
+from .ros_yaml import read_merged
 from .server import ControllerServer, ProgressChecker
 from .settings import LoopSettings
 from .velocity_smoother import Nav2VelocitySmoother

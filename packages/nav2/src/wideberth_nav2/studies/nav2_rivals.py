@@ -11,7 +11,7 @@ from wideberth.controllers.withdrawing import Withdrawing
 from wideberth.experiments import Result, Row, Task, TaskOutcome, reduced
 from wideberth.experiments.engine.closed_loop import about_first_contact, column, outcome
 from wideberth.experiments.engine.errors import as_user_error
-from wideberth.experiments.studies.comparison_figures import CAPTIONS, summary_pictures
+from wideberth.experiments.studies.comparison_figures import summary_pictures
 from wideberth.experiments.studies.episode_statistics import (
     against,
     condensed,
@@ -124,15 +124,6 @@ class Nav2Rivals(SeededStudy):
         "arrive where Nav2's controllers do not, or sooner, and where not?"
     )
     reference: ClassVar[str] = "macenski2020marathon,mcnemar1947note,wilcoxon1945individual"
-    captions: ClassVar[Mapping[str, str]] = {
-        **CAPTIONS,
-        "looks_*": (
-            "What a controller of Nav2 saw and compared: its local costmap, the trajectories "
-            "that it sampled, the one that it expects to drive, and the true discs."
-        ),
-        **SeededStudy.run_captions,
-    }
-    headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
     printed: ClassVar[tuple[str, ...]] = (
         *("episodes", "success", "collision", "time_mean_s", "clearance_mean_m", "gave_up"),
         *("time_difference_s", "finding", "judged_outcome", "errors"),

@@ -8,7 +8,8 @@ import numpy as np
 
 from wideberth.framework.values.arrays import number, positive
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import InertialSample, Scan
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample
 
 from ..state_estimator import Sample
 

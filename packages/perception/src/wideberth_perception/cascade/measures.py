@@ -9,11 +9,11 @@ from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.metrics.statistics import known_mean
-from wideberth.metrics.tracking import nees
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.log.frames import RigidMotion
 from wideberth.simulation.log.perception_log import Glance
 
+from ..tracking_scores import nees
 from .naming import named
 
 

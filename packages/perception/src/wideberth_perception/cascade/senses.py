@@ -12,17 +12,16 @@ from wideberth.framework.robot import Robot
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import (
+from wideberth.framework.values.sensing import PlacedScan, Scan
+from wideberth.simulation.log.frames import RigidMotion
+from wideberth.simulation.log.perception_log import Glance, PerceptionLog, TrueBody, TrueStage
+from wideberth.simulation.sensing.perceived import (
     InertialSample,
     MotionEstimate,
-    PlacedScan,
-    Scan,
     Sightings,
     TrackedObstacle,
     WheelSample,
 )
-from wideberth.simulation.log.frames import RigidMotion
-from wideberth.simulation.log.perception_log import Glance, PerceptionLog, TrueBody, TrueStage
 
 from ..handover import Batch, Handover
 from ..observed_state import own_state

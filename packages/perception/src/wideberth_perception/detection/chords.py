@@ -7,7 +7,8 @@ from typing import ClassVar, final
 import numpy as np
 
 from wideberth.framework.values.arrays import Array, positive, whole
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Sightings
 
 from ..detector import Detector
 from .groups import by_gap

@@ -7,7 +7,8 @@ import numpy as np
 
 from wideberth.framework.values.arrays import Array, positive
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Sightings
 
 from ..detector import Detector
 from .disc_fit import DiscFit, DiscShape, box, cylinder, fit_disc

@@ -18,17 +18,17 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
 
     Neighbours belong together if at most `MISSING` beams lie between them and
 
-    |p_i - p_j| < (1 + l) (gap + growth r),   r the nearer range, l the lost beams between
+        |p_i - p_j| < (1 + l) (gap + growth r),   r the nearer range, l the lost beams between
 
     The last and the first point of a full turn are neighbours too.
+
+    Beams that met nothing do not count as lost, since they passed through. A lost beam leaves an
+    outline whole: the distance between its neighbours is that of two pairs of points.
 
     Parameters
     ----------
     gap : m.
     growth : per m of range; by default twice the angle between two beams.
-
-    Beams that met nothing do not count as lost, since they passed through. A lost beam leaves an
-    outline whole: the distance between its neighbours is that of two pairs of points.
 
     Returns
     -------

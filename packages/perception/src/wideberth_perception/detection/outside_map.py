@@ -11,7 +11,8 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.polygon import Polygon
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Sightings
 
 from ..detector import Detector
 from .hits import without

@@ -8,7 +8,8 @@ import numpy as np
 
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array, BoolArray
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Sightings
 
 from ..detector import Detector
 from .hits import without

@@ -10,7 +10,8 @@ import numpy as np
 
 from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.values.arrays import Array, BoolArray
-from wideberth.framework.values.sensing import Scan, Segments, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Segments, Sightings
 
 from .groups import by_gap
 from .hits import DRIFT, TURN, Hits, IntArray, hits_of, without

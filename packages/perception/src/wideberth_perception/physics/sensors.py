@@ -10,7 +10,8 @@ import numpy as np
 
 from wideberth.framework.values.arrays import Array, positive, whole
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import InertialSample, Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample, WheelSample
 
 from ..state_estimator import Sample
 

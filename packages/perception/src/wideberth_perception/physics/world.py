@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wideberth.framework.values.arrays import Array, checked, positive
 from wideberth.framework.values.errors import WideberthError, nearest
 from wideberth.framework.values.motion import Command, Twist
-from wideberth.framework.values.sensing import InertialSample
+from wideberth.simulation.sensing.perceived import InertialSample
 
 from ..state_estimator import Sample
 from .body import SkidSteerBody

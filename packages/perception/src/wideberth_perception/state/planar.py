@@ -11,7 +11,7 @@ import numpy as np
 from wideberth.framework.numerics.chi_square import content_bound
 from wideberth.framework.values.arrays import Array, assembled, positive
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import InertialSample, MotionEstimate, WheelSample
+from wideberth.simulation.sensing.perceived import InertialSample, MotionEstimate, WheelSample
 
 from ..state_estimator import Sample, StateEstimator, checked_start
 from .model import BIAS, FORWARD, LATERAL, SIZE, SPEED, YAW_RATE, corrected, doubted, wrapped

@@ -12,7 +12,8 @@ from wideberth.framework.plugins.config import ADVICE, build
 from wideberth.framework.values.arrays import Array, BoolArray, assembled
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.polygon import Polygon, edge_normals
-from wideberth.framework.values.sensing import MotionEstimate, Scan
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import MotionEstimate
 
 from ..state_estimator import Sample, StateEstimator, checked_start, poses_at
 

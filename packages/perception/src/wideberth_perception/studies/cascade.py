@@ -140,14 +140,6 @@ class CascadeStudy(SeededStudy):
         "each stage from ranges to wheels cost in clearance, time and coverage?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    captions: ClassVar[Mapping[str, str]] = {
-        **SeededStudy.view_captions,
-        "changes": (
-            "What each case changes, at the same seeds: mean difference with its interval of 95 %."
-        ),
-        **SeededStudy.run_captions,
-    }
-    headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "goals_in_time")
     printed: ClassVar[tuple[str, ...]] = (
         *("episodes", "collisions", "goals_in_time", "goals_in_time_true", "clearance_min_m"),
         *("clearance_change", "time_change", "coverage", "coverage_change", "errors"),

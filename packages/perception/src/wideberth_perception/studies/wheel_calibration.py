@@ -71,13 +71,6 @@ class WheelCalibration(GridStudy):
         "A skid-steered robot turns at about B^2 / (B^2 + L^2) of the yaw rate of its wheels, "
         "if its servos are stiff and its wheels not too light."
     )
-    captions: ClassVar[Mapping[str, str]] = {
-        "wheel_calibration": (
-            "Yaw rate over that of wheels without slip, with bands over speeds and headings; "
-            "dotted: the theory. Right: how far ahead of its middle a robot turns, over its speed."
-        ),
-    }
-    headline: ClassVar[tuple[str, ...]] = ("yaw_gain", "theory", "suggested")
 
     def __post_init__(self) -> None:
         if not self.bodies:

@@ -10,7 +10,8 @@ import numpy as np
 from wideberth.framework.numerics.geometry import plane_turn
 from wideberth.framework.testing.laws import Contract, Law, law, refusing, stated
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import Sightings
 
 from ..detector import Detector
 

@@ -9,7 +9,8 @@ import numpy as np
 from wideberth.framework.numerics.geometry import plane_turn
 from wideberth.framework.testing.laws import Contract, Law, law, refusing, serving, stated
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import InertialSample, MotionEstimate, Scan, WheelSample
+from wideberth.framework.values.sensing import Scan
+from wideberth.simulation.sensing.perceived import InertialSample, MotionEstimate, WheelSample
 
 from ..state_estimator import Sample, StateEstimator
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from wideberth.framework.numerics.geometry import plane_turn
 from wideberth.framework.testing.laws import Contract, Law, law, stated
-from wideberth.framework.values.sensing import Sightings, TrackedObstacle
+from wideberth.simulation.sensing.perceived import Sightings, TrackedObstacle
 
 from ..tracker import Tracker
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from wideberth.framework.values.arrays import LATEST, Array, number
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.sensing import Sightings
+from wideberth.simulation.sensing.perceived import Sightings
 
 TIMELESS = "the scan has no instant"
 

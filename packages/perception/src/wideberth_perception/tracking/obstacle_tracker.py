@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from wideberth.framework.values.arrays import Array, positive
-from wideberth.framework.values.sensing import Sightings, TrackedObstacle
+from wideberth.simulation.sensing.perceived import Sightings, TrackedObstacle
 
 from ..tracker import Tracker
 from .motion import checked_instant, in_order, out_of_order

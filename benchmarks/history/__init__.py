@@ -1,0 +1,1 @@
+"""The suite of asv: the work by which commits are compared."""
