@@ -37,8 +37,8 @@ from .decoding import (
     decode_message,
 )
 from .encoding import MessageEncoder
-from .in_time import VelocityInTime
 from .end_of_path import Approach, Arrival, Spin
+from .in_time import VelocityInTime
 from .link import Publisher, Transport
 from .node_settings import NodeSettings
 from .obstacle_sources import (
