@@ -24,7 +24,7 @@ REASONS = {
         """,
     "parameter of the published method that `reference` of the plug-in names": """
         BayesianVectorAutoregression: order; Bhattacharyya: robot_deviation;
-        BilevelOrca: people_speed; Chords: collinear fewest proportion separation split;
+        BilevelOrca: people_speed; Chords: collinear fewest gap proportion separation split;
         CircularForce: stiffness; ConstantAcceleration: time_constant; Contouring: knots;
         CoordinatedTurn: turn_time; CrowdNav: random_attributes; Force: anticipation;
         InteractingModels: braking dwell stopping; KfHungarian: slowest; Rectangle: correction;

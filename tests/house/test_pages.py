@@ -152,19 +152,8 @@ def understood(words: list[str]) -> None:
     elif words[0].startswith(("python", ".")) and (scripts := scripts_of(words)):
         assert all((ROOT / script).is_file() for script in scripts), words
     else:
-        known = (
-            "make",
-            "dask",
-            "openssl",
-            "git",
-            "cd",
-            ".",
-            "TLS=",
-            "export DASK_",
-            "cc",
-            "source",
-            "python3 -m",
-        )
+        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "export DASK_", "cc",
+                 "source", "python3 -m")  # fmt: skip
         assert " ".join(words).startswith(known), f"{words[0]}: check it here"
 
 
