@@ -49,11 +49,11 @@ class _People(NamedTuple):
 
     def rows(self, which: NDArray[np.bool_] | Numbers) -> "_People":
         """Return some of them."""
-        return _People(*(part[which] for part in self))
+        return _People._make(part[which] for part in self)
 
     def and_those(self, others: "_People") -> "_People":
         """Return these and others."""
-        return _People(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
+        return _People._make(map(np.concatenate, zip(self, others, strict=True)))
 
     def carried(self, time: float) -> "_People":
         """Carry all straight on to a time, s, under white acceleration."""

@@ -525,4 +525,7 @@ def _pack_given_way(pack: _Packer, one: GivenWay | None) -> list[Any] | None:
 
 
 def _unpack_given_way(unpack: _Unpacker, stored: list[Any] | None) -> GivenWay | None:
-    return None if stored is None else GivenWay(*map(float, unpack.get(stored[0])), *stored[1:])
+    if stored is None:
+        return None
+    asked, held = (float(tail) for tail in unpack.get(stored[0]))
+    return GivenWay(asked, held, *stored[1:])
