@@ -332,8 +332,6 @@ def _nested(hint: Any) -> bool:
 
 def _validated(hint: Any, value: Any, path: str) -> Any:
     """Check a plain value; YAML's lists become tuples and whole numbers floats, no more."""
-    import json
-
     from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
     try:

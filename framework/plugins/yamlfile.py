@@ -8,7 +8,11 @@ from ..values.errors import WideberthError, short
 from .io import read_text
 
 
-def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any]:
+def read_config(
+    path: Path,
+    overrides: list[str] | None = None,
+    loader: Callable[[str], Any] | None = None,
+) -> dict[str, Any]:
     """Read a config file and apply overrides such as ``"region.tail=0.1"``.
 
     Unlike plain YAML, ``1e-3`` is a number and a key that stands twice is an error.
@@ -16,6 +20,7 @@ def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any
     Parameters
     ----------
     path, overrides : see above.
+    loader : of another dialect of YAML, as of PyYAML, for its text.
 
     Raises
     ------
@@ -23,24 +28,13 @@ def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any
     """
     from .yaml_loader import Loader
 
-    config = read_with(path, Loader)
+    config = _loaded(read_text(Path(path), "a YAML file"), str(path), loader or Loader)
+    if not isinstance(config, dict):
+        came = "empty" if config is None else f"a {type(config).__name__}"
+        raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
     for override in overrides or []:
         apply(config, override)
     return config
-
-
-def read_with(path: Path, loader: Callable[[str], Any]) -> dict[str, Any]:
-    """Read the mapping that a loader makes of a YAML file.
-
-    Raises
-    ------
-    WideberthError : as `read_config`.
-    """
-    value = _loaded(read_text(Path(path), "a YAML file"), str(path), loader)
-    if not isinstance(value, dict):
-        came = "empty" if value is None else f"a {type(value).__name__}"
-        raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
-    return value
 
 
 def parse(text: str, place: str) -> Any:

@@ -7,15 +7,7 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..values.arrays import (
-    FARTHEST,
-    LATEST,
-    Array,
-    checked,
-    checked_rows,
-    number,
-    positive,
-)
+from ..values.arrays import FARTHEST, LATEST, Array, checked, checked_rows, number, positive
 from ..values.errors import WideberthError
 from ..values.motion import Detection
 
@@ -57,23 +49,11 @@ class _People(NamedTuple):
 
     def rows(self, which: NDArray[np.bool_] | Numbers) -> "_People":
         """Return some of them."""
-        return _People(
-            self.name[which],
-            self.seen[which],
-            self.place[which],
-            self.velocity[which],
-            self.spread[which],
-        )
+        return _People._make(part[which] for part in self)
 
     def and_those(self, others: "_People") -> "_People":
         """Return these and others."""
-        return _People(
-            np.concatenate([self.name, others.name]),
-            np.concatenate([self.seen, others.seen]),
-            np.concatenate([self.place, others.place]),
-            np.concatenate([self.velocity, others.velocity]),
-            np.concatenate([self.spread, others.spread]),
-        )
+        return _People._make(map(np.concatenate, zip(self, others, strict=True)))
 
     def carried(self, time: float) -> "_People":
         """Carry all straight on to a time, s, under white acceleration."""
@@ -95,13 +75,8 @@ class _People(NamedTuple):
             [gain[:, 0] * self.spread[:, 0], gain[:, 0] * self.spread[:, 1],
              gain[:, 1] * self.spread[:, 1]], axis=1,
         )  # fmt: skip
-        return _People(
-            self.name,
-            np.full(len(places), time),
-            self.place + gain[:, :1] * gap,
-            self.velocity + gain[:, 1:] * gap,
-            left,
-        )
+        seen, place = np.full(len(places), time), self.place + gain[:, :1] * gap
+        return _People(self.name, seen, place, self.velocity + gain[:, 1:] * gap, left)
 
 
 @final

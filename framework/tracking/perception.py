@@ -122,19 +122,11 @@ class Perception:
         asked = observation, self.dimension, self.forget, here
         sighting = admitted(*asked, partial(history.known, stamp))
         history = history.add(stamp, sighting.detections)
-        return Perception(
-            self.predictor,
-            self.dimension,
-            history,
-            self.forget,
-            period,
-            stamp,
-            (*notes, *sighting.notes, *history.notes),
-            _logged(history.noise, self.logged),
-            self.paused or paused,
-            sighting.placeless,
-            self.filtered,
-        )
+        return replace(
+            self, history=history, stamp=stamp, notes=(*notes, *sighting.notes, *history.notes),
+            logged=_logged(history.noise, self.logged), paused=self.paused or paused,
+            placeless=sighting.placeless,
+        )  # fmt: skip
 
     def drained(self) -> tuple["Perception", tuple[str, ...]]:
         """Return the same without notes, and the notes."""

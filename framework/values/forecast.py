@@ -8,15 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import (
-    Array,
-    BoolArray,
-    altered,
-    checked,
-    checked_covariance,
-    positive,
-    settle,
-)
+from .arrays import Array, BoolArray, altered, checked, checked_covariance, positive, settle
 from .errors import WideberthError
 from .motion import Truth
 from .polygon import Polygon

@@ -5,15 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import (
-    FARTHEST,
-    LATEST,
-    Array,
-    BoolArray,
-    checked,
-    positive,
-    settle,
-)
+from .arrays import FARTHEST, LATEST, Array, BoolArray, checked, positive, settle
 from .errors import WideberthError
 
 

@@ -10,6 +10,7 @@ same episode gives the same bytes.
 import io
 import json
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -246,6 +247,7 @@ _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
     *("states", "inputs", "positions", "reference", "auxiliaries", "level", "target", "content"),
 )
+_FORECAST = ("mean", "covariance", "weight", "dt")
 _PLAN_NUMBERS = ("stamp", "dt", "violation", "cost", "risk")
 """Numbers of a plan; the last one only where it is known, so that older files are read alike."""
 
@@ -264,6 +266,9 @@ class _Packer:
         self.length += array.size
         return place
 
+    def fields(self, value: object, names: Iterable[str]) -> dict[str, Any]:
+        return {name: self.put(getattr(value, name)) for name in names}
+
     def numbers(self) -> Array:
         return np.concatenate(self.parts) if self.parts else np.zeros(0)
 
@@ -278,6 +283,9 @@ class _Unpacker:
         size = int(np.prod(place["shape"]))
         part = self.numbers[place["at"] : place["at"] + size]
         return np.asarray(part.reshape(place["shape"]))
+
+    def fields(self, places: dict[str, Any]) -> dict[str, Array]:
+        return {name: self.get(place) for name, place in places.items()}
 
 
 def write_episode(episode: Episode) -> bytes:
@@ -352,9 +360,9 @@ def _pack_agent(pack: _Packer, agent: AgentLog) -> dict[str, Any]:
         "kind": agent.kind,
         "skipped": agent.skipped,
         "numbers": pack.put((agent.radius, agent.speed, agent.period, agent.reached)),
-        "series": {name: pack.put(getattr(agent, name)) for name in _SERIES},
+        "series": pack.fields(agent, _SERIES),
         "paths": [[pack.put(time), pack.put(path.points)] for time, path in agent.paths],
-        "commands": {name: pack.put(getattr(agent.commands, name)) for name in _COMMANDS},
+        "commands": pack.fields(agent.commands, _COMMANDS),
         "plans": [_pack_plan(pack, plan) for plan in agent.plans],
         "footprint": _pack_footprint(pack, agent.footprint),
         "region": _region_of(agent),
@@ -405,7 +413,7 @@ def _unpack_bare(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
         name=stored["name"],
         kind=stored["kind"],
         radius=radius,
-        **{name: unpack.get(place) for name, place in stored["series"].items()},
+        **unpack.fields(stored["series"]),
         paths=tuple(
             (float(unpack.get(time)), Path(unpack.get(points))) for time, points in stored["paths"]
         ),
@@ -413,7 +421,7 @@ def _unpack_bare(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
         period=period,
         reached=reached,
         skipped=stored["skipped"],
-        commands=CommandLog(**{n: unpack.get(p) for n, p in stored["commands"].items()}),
+        commands=CommandLog(**unpack.fields(stored["commands"])),
         plans=tuple(_unpack_plan(unpack, plan) for plan in stored["plans"]),
         footprint=_unpack_footprint(unpack, stored["footprint"]),
     )
@@ -442,7 +450,7 @@ def _unpack_footprint(unpack: _Unpacker, stored: dict[str, Any] | None) -> Footp
 def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
     forecast = plan.forecast
     return {
-        "arrays": {name: pack.put(getattr(plan, name)) for name in _PLAN_ARRAYS},
+        "arrays": pack.fields(plan, _PLAN_ARRAYS),
         "numbers": pack.put([getattr(plan, name) for name in _known_numbers(plan)]),
         "ids": list(plan.ids),
         "left_out": list(plan.left_out),
@@ -454,16 +462,10 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
         "breach": _pack_breach(pack, plan.breach),
         "given_way": _pack_given_way(pack, plan.given_way),
         "situation": _pack_situation(pack, plan.situation),
-        "forecast": None
-        if forecast is None
-        else {
-            "mean": pack.put(forecast.mean),
-            "covariance": pack.put(forecast.covariance),
-            "weight": pack.put(forecast.weight),
-            "dt": pack.put(forecast.dt),
-            "fallback": list(forecast.fallback),
+        "forecast": None if forecast is None else {
+            **pack.fields(forecast, _FORECAST), "fallback": list(forecast.fallback),
         },
-    }
+    }  # fmt: skip
 
 
 def _known_numbers(plan: Plan) -> tuple[str, ...]:
@@ -480,17 +482,11 @@ def _counted(count: int, kind: str) -> str:
 def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
     numbers = [float(number) for number in unpack.get(stored["numbers"])]
     values: dict[str, Any] = dict(zip(_PLAN_NUMBERS[: len(numbers)], numbers, strict=True))
-    values |= {name: unpack.get(place) for name, place in stored["arrays"].items()}
-    known = stored["forecast"]
+    values |= unpack.fields(stored["arrays"])
     forecast = None
-    if known is not None:
-        forecast = Forecast(
-            unpack.get(known["mean"]),
-            unpack.get(known["covariance"]),
-            unpack.get(known["weight"]),
-            float(unpack.get(known["dt"])),
-            tuple(known["fallback"]),
-        )
+    if (known := stored["forecast"]) is not None:
+        mean, covariance, weight, dt = (unpack.get(known[name]) for name in _FORECAST)
+        forecast = Forecast(mean, covariance, weight, float(dt), tuple(known["fallback"]))
     return Plan(
         **values,
         ids=tuple(stored["ids"]),
@@ -511,10 +507,15 @@ def _pack_situation(pack: _Packer, one: Situation | None) -> dict[str, Any] | No
     return None if one is None else pack.put([one.room, one.heading, *one.radii])
 
 
-def _pack_breach(pack: _Packer, breach: Breach | None) -> list[Any] | None:
-    if breach is None:
+def _pack_breach(pack: _Packer, one: Breach | None) -> list[Any] | None:
+    return None if one is None else [str(one.kind), one.name, one.step, pack.put(one.amount)]
+
+
+def _unpack_breach(unpack: _Unpacker, stored: list[Any] | None) -> Breach | None:
+    if stored is None:
         return None
-    return [str(breach.kind), breach.name, breach.step, pack.put(breach.amount)]
+    kind, name, step, amount = stored
+    return Breach(BreachKind(kind), name, step, float(unpack.get(amount)))
 
 
 def _pack_given_way(pack: _Packer, one: GivenWay | None) -> list[Any] | None:
@@ -526,13 +527,5 @@ def _pack_given_way(pack: _Packer, one: GivenWay | None) -> list[Any] | None:
 def _unpack_given_way(unpack: _Unpacker, stored: list[Any] | None) -> GivenWay | None:
     if stored is None:
         return None
-    tails, *rest = stored
-    asked, held = (float(tail) for tail in unpack.get(tails))
-    return GivenWay(asked, held, *rest)
-
-
-def _unpack_breach(unpack: _Unpacker, stored: list[Any] | None) -> Breach | None:
-    if stored is None:
-        return None
-    kind, name, step, amount = stored
-    return Breach(BreachKind(kind), name, step, float(unpack.get(amount)))
+    asked, held = (float(tail) for tail in unpack.get(stored[0]))
+    return GivenWay(asked, held, *stored[1:])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.engine.from_outside import chosen_task, play_from_outside
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.controller import Controller
 from wideberth.framework.values.errors import WideberthError
@@ -29,6 +28,7 @@ from wideberth_ros.cli.ros_world import (
     run_world,
     sentence,
 )
+from wideberth_ros.from_outside import chosen_task, play_from_outside
 from wideberth_ros.simulated_robot import ReceivedVelocity
 
 EASY = ["scenarios.circle.humans=1"]

@@ -21,10 +21,10 @@ from std_srvs.srv import Trigger
 from wideberth import Controller, Detection, Observation, Pose
 from wideberth import Path as Way
 from wideberth.experiments.engine.closed_loop import controllers_of
-from wideberth.experiments.engine.from_outside import chosen_task
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.controller import DrivesRobot
 from wideberth.framework.values.motion import Twist as Motion
+from wideberth_ros.from_outside import chosen_task
 from wideberth_ros.link import message_class
 
 KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.engine.from_outside import chosen_task
 from wideberth.experiments.engine.shipped_configs import read_experiment, shipped_text
 from wideberth.packages.ros.tests.helpers.ros_processes import ROOT, Network, Process, python_of
-from wideberth.tests.experiments.test_from_outside import OF_PLANS
+from wideberth.packages.ros.tests.test_from_outside import OF_PLANS
+from wideberth_ros.from_outside import chosen_task
 
 PLANNER = ROOT / "packages" / "ros" / "tests" / "helpers" / "rclpy_planner.py"
 CASE = "controller=ours"

@@ -6,8 +6,8 @@ from typing import Any
 
 import yaml
 
+from wideberth.framework import read_config
 from wideberth.framework.plugins.yaml_loader import Loader
-from wideberth.framework.plugins.yamlfile import read_with
 
 _BREAKS = "\0\r\n\x85\u2028\u2029"
 
@@ -27,7 +27,7 @@ def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     WideberthError : as `read_config`.
     """
     twice: dict[str, int] = {}
-    config = read_with(path, lambda text: RosLoader(text, twice))
+    config = read_config(path, loader=lambda text: RosLoader(text, twice))
     return config, tuple(sorted(twice, key=twice.__getitem__))
 
 

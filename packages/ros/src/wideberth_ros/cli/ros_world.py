@@ -10,7 +10,6 @@ from typing import Any, final
 import numpy as np
 
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.engine.from_outside import chosen_task, play_from_outside
 from wideberth.experiments.engine.progress import say
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.controller import Controller
@@ -29,6 +28,7 @@ from wideberth_perception.cascade.cascade import PATIENCE
 from wideberth_perception.cascade.world import WheeledWorld
 from wideberth_perception.physics.sensors import BodyState, Lidar
 
+from ..from_outside import chosen_task, play_from_outside
 from ..simulated_robot import Restart, SimulatedRobot, simulated_robot
 
 FINEST = 0.05

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.engine.from_outside import chosen_task, play_from_outside
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.controller import Controller
 from wideberth.framework.values.errors import WideberthError
@@ -17,6 +16,7 @@ from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import Run
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.measures.avoidable import Repeating
+from wideberth_ros.from_outside import chosen_task, play_from_outside
 
 OF_PLANS = {
     "below_reference", "least_content", "gave_way", "plans", "errors", "fallbacks",

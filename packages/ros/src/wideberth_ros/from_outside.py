@@ -4,15 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
-from ...framework.controller import Controller
-from ...framework.plugins.registry import unknown
-from ...framework.values.errors import WideberthError
-from ...simulation.engine.agents import RobotAgent
-from ...simulation.engine.episode import Run, recast, watched
-from ...simulation.log.episode_log import Episode
-from ...simulation.measures.episode_measures import verdict
-from .base import Experiment, Row, Task
-from .closed_loop import controllers_of
+from wideberth.experiments.engine.base import Experiment, Row, Task
+from wideberth.experiments.engine.closed_loop import controllers_of
+from wideberth.framework.controller import Controller
+from wideberth.framework.plugins.registry import unknown
+from wideberth.framework.values.errors import WideberthError
+from wideberth.simulation.engine.agents import RobotAgent
+from wideberth.simulation.engine.episode import Run, recast, watched
+from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.measures.episode_measures import verdict
 
 Enter: TypeAlias = Callable[[Run, RobotAgent], Controller]
 """Takes an episode that is about to begin and a robot of it; returns who decides in its place."""
