@@ -21,7 +21,7 @@ ROOMS = (
     "solvers", "controllers", "simulation", "experiments",
 )  # fmt: skip
 LIBRARIES = (
-    "casadi", "cvxpy", "filterpy", "jax", "matplotlib", "numba", "numpy", "pydantic",
+    "casadi", "filterpy", "jax", "matplotlib", "numba", "numpy", "pydantic",
     "scipy", "shapely", "statsmodels", "wideberth",
 )  # fmt: skip
 

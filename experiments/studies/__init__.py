@@ -5,15 +5,11 @@ from ...framework.plugins.lazy import lazy
 _HERE = "wideberth.experiments.studies"
 
 BUILT_IN: dict[str, str] = {
-    "dynamic_matters": f"{_HERE}.dynamic_matters:DynamicMatters",
     "comparison": f"{_HERE}.comparison:Comparison",
-    "closed_loop_risk": f"{_HERE}.closed_loop_risk:ClosedLoopRisk",
-    "conservativeness": f"{_HERE}.conservativeness:Conservativeness",
     "encounter": f"{_HERE}.encounter:Encounter",
     "flight": f"{_HERE}.flight:Flight",
     "replay": f"{_HERE}.replay:Replay",
     "approximation_error": f"{_HERE}.approximation_error:ApproximationError",
-    "boundary_risk": f"{_HERE}.boundary_risk:BoundaryRisk",
     "ellipse_construction": f"{_HERE}.ellipse_construction:EllipseConstruction",
     "forecast_regions": f"{_HERE}.forecast_regions:ForecastRegions",
     "region_gallery": f"{_HERE}.region_gallery:RegionGallery",
@@ -21,9 +17,6 @@ BUILT_IN: dict[str, str] = {
     "planner_parts": f"{_HERE}.planner_parts:PlannerParts",
     "region_price": f"{_HERE}.region_price:RegionPrice",
     "tuning": f"{_HERE}.tuning:Tuning",
-    "convex_certificates": f"{_HERE}.convex_certificates:ConvexCertificates",
-    "cost_comparison": f"{_HERE}.cost_comparison:CostComparison",
-    "level_policies": f"{_HERE}.level_policies:LevelPolicies",
     "known_futures": f"{_HERE}.known_futures:KnownFutures",
     "guarantees": f"{_HERE}.guarantees:Guarantees",
     "reacting_calibration": f"{_HERE}.reacting_calibration:ReactingCalibration",

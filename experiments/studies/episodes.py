@@ -17,7 +17,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import about_first_contact, check_starts, inputs_of, outcome, play
-from .grid import GridStudy, Pictures, Task, TaskOutcome
+from .grid import GridStudy, Pictures, Row, Task, TaskOutcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,23 +209,25 @@ def measured(
     tail: float,
     show: Sequence[int] = (),
     metrics: Mapping[str, str] = MappingProxyType({}),
+    more: Callable[[Episode], Row] = lambda _: {},
 ) -> TaskOutcome:
     """Play the episode of a task and measure all there is; keep it where its seed is shown.
 
-    ``metrics`` are columns by name, see `episode_metric`.
+    ``metrics`` are columns by name, see `episode_metric`; ``more`` returns a study's own columns.
     """
     episode = play(scenario, robot, controller, settings, task.seed)
     judged = scenario.judge(episode)
-    more = {
+    columns = {
         **measures(episode, tail, settings.time_limit),
         **about_first_contact(episode, scenario, robot, controller, settings),
         **{f"judged_{name}": value for name, value in judged.items()},
+        **more(episode),
     }
     for name, target in metrics.items():
-        if name in more:
+        if name in columns:
             raise WideberthError(f"metrics: the column {name!r} exists; give yours another name")
-        more[name] = float(episode_metric(target)(episode))
-    return outcome(episode, task, tail, more, keep=task.seed in show)
+        columns[name] = float(episode_metric(target)(episode))
+    return outcome(episode, task, tail, columns, keep=task.seed in show)
 
 
 def episode_metric(target: str) -> Callable[[Episode], float]:

@@ -13,7 +13,7 @@ from wideberth.experiments.engine.base import Experiment, Result, Row, Task, Tas
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
 from wideberth.experiments.studies.comparison import Comparison
-from wideberth.experiments.studies.level_policies import LevelPolicies
+from wideberth.experiments.studies.planner_parts import PlannerParts
 from wideberth.experiments.studies.tuning import Tuning
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
@@ -89,7 +89,7 @@ def test_quick_settings_are_not_cut_short(name: str) -> None:
     if isinstance(experiment, Comparison) and isinstance(small, Comparison):
         (label, settings), *_ = experiment.settings.items()
         assert small.settings == {label: settings}
-    for kind in (Tuning, LevelPolicies):
+    for kind in (Tuning, PlannerParts):
         if isinstance(experiment, kind) and isinstance(small, kind):
             assert small.settings == experiment.settings
 

@@ -17,7 +17,6 @@ from wideberth.experiments.drawing.trade_off_markers import (
     nest,
 )
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.studies import closed_loop_risk
 from wideberth.experiments.studies import comparison_figures as figures
 from wideberth.experiments.studies.planner_parts import draw_tables
 from wideberth.experiments.studies.replay import compare
@@ -123,16 +122,6 @@ def test_few_counts_episodes() -> None:
     assert few([9, 12]) == "9 to 12 episodes each: too few for intervals"
 
 
-@pytest.mark.parametrize("episodes", [4, 12])
-def test_shares_of_few_episodes_have_no_bars(episodes: int) -> None:
-    line = {"episodes": episodes, "outside": 0.2, "outside_low": 0.1, "outside_high": 0.5}
-    bars = closed_loop_risk._bars([line], "outside")
-    if episodes < 10:
-        assert bars is None
-    else:
-        np.testing.assert_allclose(bars, [[0.1], [0.3]])
-
-
 def test_a_legend_of_long_names_has_fewer_columns_and_is_seen_whole() -> None:
     names = ["ours", "ours_watching", "dynamic_window", "pure_pursuit", "constant_velocity"]
     short = ["a", "b", "c", "d", "e"]
@@ -178,9 +167,10 @@ def test_numbers_that_are_printed_alike_have_one_colour() -> None:
 
 
 def test_planner_parts_name_axes_and_episodes() -> None:
-    line = {"region": "r", "success": 1.0, "time_mean_s": 9.0, "intrusion_share": 0.1}
+    line = {"scenario": "s", "region": "r", "success": 1.0, "time_mean_s": 9.0}
+    line |= {"clearance_median_m": 0.4, "intrusion_share": 0.1}
     lines = [{**line, "predictor": name, "episodes": n} for name, n in (("p", 4), ("q", 3))]
-    figure = draw_tables(lines)
-    assert [panel.get_ylabel() for panel in figure.axes] == ["predictor"] * 3
+    figure = draw_tables(lines, ["predictor", "region"])
+    assert [panel.get_ylabel() for panel in figure.axes] == ["predictor"] * 4
     assert figure.axes[-1].get_xlabel() == "region"
     assert all("n = 3 to 4" in panel.get_title() for panel in figure.axes)

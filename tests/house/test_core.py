@@ -82,7 +82,6 @@ print(json.dumps(found))
 """
 BEYOND = {
     "controllers.orca",
-    "experiments.convex_certificates",
 }
 """Built-in plug-ins that need an extra."""
 
@@ -112,7 +111,7 @@ for name in shipped():
 print(json.dumps([shipped(), errors]))
 """
 NEEDED = re.compile(r"needs (?:the library )?(\w+), .*pip install 'wideberth\[(\w+)\]'")
-LIBRARIES = {("CVXPY", "certificates"), ("pyrvo", "arenas")}
+LIBRARIES = {("pyrvo", "arenas")}
 """Library that configs of the core need, and the extra that brings it."""
 
 
@@ -154,7 +153,6 @@ def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "extra"),
     [
-        (("run", "convex_certificates"), "certificates"),
         (("run", "crowd_agility"), "arenas"),
         (("check", "controller", "orca", "--set", "robot=unicycle"), "arenas"),
         (("run", "cascade_chicken_game"), "perception"),

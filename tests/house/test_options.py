@@ -49,7 +49,6 @@ REASONS: dict[str, str] = {
         Reactive: obstacle_speed
         """,
     "which seeds a study plays, and how it reads a user's recordings": """
-        ClosedLoopRisk: first_seed
         FirstSight: first_seed
         Guarantees: first_seed
         ReactingCalibration: first_seed
@@ -60,7 +59,6 @@ REASONS: dict[str, str] = {
         """,
     "numerical tolerance, or limit of iterations or samples": """
         BilevelOrca: most_iterations most_people
-        ConvexCertificates: directions points
         Fatrop: iterations tolerance
         Ipopt: iterations tolerance
         PlannerSettings: deadline
