@@ -1,16 +1,16 @@
 """Columns of dots: a quantity of every episode, a column per setting, with the medians."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
-from .plotting import COLOURS, entry, name_columns, subplots
+from .plotting import COLOURS, entry, name_columns
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 DOT: dict[str, Any] = {"marker": "o", "color": "0.35"}
 NEVER: dict[str, Any] = {"marker": "^", "color": COLOURS[2]}
@@ -38,36 +38,6 @@ def strip(panel: Any, rows: Sequence[Row], name: str) -> None:
             panel.plot([i - 0.3, i + 0.3], [middle] * 2, "-", color="black", linewidth=1.5)
     name_columns(panel, [planner for (planner,) in groups])
     panel.grid(axis="y", linewidth=0.4, alpha=0.6)
-
-
-def strips(
-    columns: Mapping[str, Sequence[Row]],
-    labels: Mapping[str, str],
-    size: tuple[float, float],
-    touch: bool = True,
-) -> "Figure":
-    """Draw quantities of every episode: a row of panels each, a column of panels per place.
-
-    Parameters
-    ----------
-    columns : title -> the episodes of a column of panels.
-    labels : column of the table -> label of its panels.
-    size : of the figure, inch.
-    touch : draw the line at 0 in the first row, where bodies touch.
-    """
-    figure, panels = subplots(
-        len(labels), len(columns), figsize=size, squeeze=False, sharex=True, sharey="row"
-    )
-    for some, (title, rows) in zip(panels.T, columns.items(), strict=True):
-        some[0].set_title(title)
-        for panel, name in zip(some, labels, strict=True):
-            strip(panel, rows, name)
-        if touch:
-            some[0].axhline(0.0, color="0.5", linewidth=0.6)
-    for panel, text in zip(panels[:, 0], labels.values(), strict=True):
-        panel.set_ylabel(text)
-    strip_legend(figure, "bodies touch" if touch else "")
-    return figure
 
 
 def strip_legend(figure: Any, lines: str = "") -> None:

@@ -7,7 +7,6 @@ _HERE = "wideberth.experiments.studies"
 BUILT_IN: dict[str, str] = {
     "comparison": f"{_HERE}.comparison:Comparison",
     "encounter": f"{_HERE}.encounter:Encounter",
-    "flight": f"{_HERE}.flight:Flight",
     "replay": f"{_HERE}.replay:Replay",
     "approximation_error": f"{_HERE}.approximation_error:ApproximationError",
     "ellipse_construction": f"{_HERE}.ellipse_construction:EllipseConstruction",
@@ -15,7 +14,6 @@ BUILT_IN: dict[str, str] = {
     "region_gallery": f"{_HERE}.region_gallery:RegionGallery",
     "prediction_benchmark": f"{_HERE}.prediction_benchmark:PredictionBenchmark",
     "planner_parts": f"{_HERE}.planner_parts:PlannerParts",
-    "region_price": f"{_HERE}.region_price:RegionPrice",
     "tuning": f"{_HERE}.tuning:Tuning",
     "known_futures": f"{_HERE}.known_futures:KnownFutures",
     "guarantees": f"{_HERE}.guarantees:Guarantees",

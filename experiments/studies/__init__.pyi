@@ -7,7 +7,6 @@ from .comparison import Comparison as Comparison
 from .ellipse_construction import EllipseConstruction as EllipseConstruction
 from .encounter import Encounter as Encounter
 from .first_sight import FirstSight as FirstSight
-from .flight import Flight as Flight
 from .forecast_regions import ForecastRegions as ForecastRegions
 from .guarantees import Guarantees as Guarantees
 from .known_futures import KnownFutures as KnownFutures
@@ -15,8 +14,7 @@ from .planner_parts import PlannerParts as PlannerParts
 from .prediction_benchmark import PredictionBenchmark as PredictionBenchmark
 from .reacting_calibration import ReactingCalibration as ReactingCalibration
 from .region_gallery import RegionGallery as RegionGallery
-from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
-__all__ = ['ApproximationError', 'Comparison', 'EllipseConstruction', 'Encounter', 'FirstSight', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning']
+__all__ = ['ApproximationError', 'Comparison', 'EllipseConstruction', 'Encounter', 'FirstSight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'Replay', 'Tuning']
 BUILT_IN: dict[str, str]

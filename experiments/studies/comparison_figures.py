@@ -62,7 +62,7 @@ def summary_pictures(lines: Sequence[Row], rows: Sequence[Row], baseline: str) -
     """
     names = list(dict.fromkeys(str(row["controller"]) for row in rows))
     yield "outcomes", _outcomes(rows)
-    yield "clearance_against_time", _front(rows, names)
+    yield "clearance_against_time", draw_front(rows, names)
     if len(names) > 1:
         yield "paired_times", _pairs(rows, names, baseline)
     if len(_panels(rows)) > 2:
@@ -133,7 +133,7 @@ def _bar(panel: Any, place: float, rows: Sequence[Row]) -> None:
         panel.plot(ends, [place + aside] * 2, "|-", color="black", linewidth=1.0, markersize=4)
 
 
-def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
+def draw_front(rows: Sequence[Row], names: Sequence[str]) -> Any:
     """Draw median clearance against median time, a panel per place."""
     looks, drawn = front_looks(names), set()
     panels = _panels(rows)

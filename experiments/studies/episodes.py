@@ -19,6 +19,9 @@ from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import about_first_contact, check_starts, inputs_of, outcome, play
 from .grid import GridStudy, Pictures, Row, Task, TaskOutcome
 
+LEAD = 1.5
+"""s from the drawn plan of a flight to the closest approach."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SeededStudy(GridStudy):
@@ -106,6 +109,8 @@ class SeededStudy(GridStudy):
     ) -> Pictures:
         """Yield the pictures of one episode: the views of two robots, the run, and the film.
 
+        In space the one picture is the flight, from above and from the side.
+
         Parameters
         ----------
         name : ends the names of the pictures.
@@ -115,7 +120,11 @@ class SeededStudy(GridStudy):
         """
         from ..drawing.animation import animate
         from ..drawing.episodes import draw_run, draw_views
+        from ..drawing.episodes_3d import draw_flight
 
+        if episode.robots[0].positions.shape[1] == 3:
+            yield f"flight_{name}", draw_flight(episode, tail=self.tail, lead=LEAD)
+            return
         planner = planner_behind(controller)
         if views is not None and len(episode.robots) == 2:
             yield (

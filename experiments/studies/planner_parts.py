@@ -7,7 +7,14 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework import Controller, Plan, Predictor, Region, WideberthError
+from ...framework import (
+    Controller,
+    GaussianObstacle,
+    Plan,
+    Predictor,
+    Region,
+    WideberthError,
+)
 from ...framework.controller import driving
 from ...framework.mpc.costs.base import Cost
 from ...framework.mpc.levels.base import LevelPolicy, level_of
@@ -17,16 +24,17 @@ from ...framework.values.arrays import Array
 from ...framework.values.plan import Rung
 from ...metrics.gaps import gaps
 from ...metrics.statistics import known_mean
+from ...regions.minkowski_sum import MinkowskiSum
 from ...simulation.drawing.artists import pairs
 from ...simulation.drawing.logged import DrawnAgent
 from ...simulation.log.episode_log import AgentLog, Episode
 from ...simulation.measures.summary import robot_rows
 from ..drawing.plotting import PAGE, subplots, title
 from ..drawing.shaded_tables import shaded
-from ..engine.closed_loop import column, condense, group
+from ..engine.closed_loop import column, condense, group, log_name
 from .episode_statistics import ANSWERS, SOURCES, against, condensed, paired
 from .episodes import PlacesStudy, check_robots, measured
-from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced, rounded
 from .replay import STILL
 from .variants import exchanged
 
@@ -55,12 +63,20 @@ class PlannerParts(PlacesStudy):
     - ``drove_into``: number of episodes in which a robot touched another body while it moved.
     - ``peak_speed``, ``deviation``: highest speed of any robot, and largest distance of any robot
       from its path; medians over the seeds.
+    - ``area_ratio``: median area (in space volume) of the planner's region over that of the exact
+      sum of the same tail, for forecasts that the plans met; mean over the seeds.
+    - ``iterations``: mean number of the solver's per plan.
+
+    Where covariances are round (a Kalman filter with the same noise in all directions) the paper's
+    ellipse, its repairs, the outer forms and the exact sum are one and the same disc.
 
     Parameters
     ----------
     planner : all that stays the same; a controller with the stated parts.
     predictors, regions, levels, costs : by name; the planner's own where there are none.
     relative_to : part (predictor, region, level, cost) -> name of its variant in the reference.
+    show : seeds whose episodes are kept, and drawn for each variant of the first part with the
+        first ones of all others.
     """
 
     claim: ClassVar[str] = (
@@ -72,6 +88,10 @@ class PlannerParts(PlacesStudy):
         "planner_parts": (
             "Success, time, clearance and nearness for every combination of parts: darker is "
             "better."
+        ),
+        **PlacesStudy.run_captions,
+        "flight_*": (
+            "One flight, from above and from the side, with the least distance between the robots."
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "time_mean_s", "clearance_median_m")
@@ -86,6 +106,7 @@ class PlannerParts(PlacesStudy):
     levels: dict[str, LevelPolicy] = field(default_factory=dict)
     costs: dict[str, Cost] = field(default_factory=dict)
     relative_to: dict[str, str] = field(default_factory=dict)
+    show: tuple[int, ...] = ()
 
     def validate(self) -> None:
         """Refuse settings that make no study."""
@@ -99,6 +120,7 @@ class PlannerParts(PlacesStudy):
             if name not in self.parts[part]:
                 what = unknown(part, name, self.parts[part])
                 raise WideberthError(f"relative_to.{part}: {what}")
+        self.check_shown(self.show)
         places = {f"scenarios.{name}": one for name, one in self.scenarios.items()}
         check_robots(places, {"robot": self.robot}, {"planner": self.planner})
         for names in product(*self.parts.values()):
@@ -139,7 +161,8 @@ class PlannerParts(PlacesStudy):
         def more(episode: Episode) -> Row:
             return manner(episode) | held(episode, planner, self.tail)
 
-        return measured(scenario, self.robot, planner, self.settings, task, self.tail, more=more)
+        shared = self.settings, task, self.tail, self.show
+        return measured(scenario, self.robot, planner, *shared, more=more)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per scenario and combination, compared with its reference."""
@@ -157,8 +180,17 @@ class PlannerParts(PlacesStudy):
         return lines
 
     def pictures(self, result: Result) -> Pictures:
-        """Draw tables of success, time, clearance and nearness, the last part across."""
+        """Draw tables of the measures, the last part across, and the episodes that are shown."""
         yield "planner_parts", draw_tables(self.summary(result.rows), [*self.parts])
+        first, *others = self.parts
+        firsts = {part: next(iter(self.parts[part])) for part in others}
+        for task in self.tasks():
+            if task.seed in self.show and firsts.items() <= task.settings.items():
+                place = [task.settings["scenario"]] * (len(self.scenarios) > 1)
+                name = "_".join([*place, task.settings[first]])
+                episode = Episode.from_bytes(result.read(log_name(task)))
+                called = self.figure_name(name, task.seed, self.show)
+                yield from self.episode_pictures(called, episode, self.variant(task.settings))
 
     def quick(self) -> Self:
         """Play one seed: of one part all variants, else two of each part in the first scenario."""
@@ -181,12 +213,16 @@ def _line(own: list[Row], base: list[Row]) -> Row:
         **against(own, base),
         "extra_time": _extra(own, base, "time_ratio_worst"),
         "extra_path": _extra(own, base, "length_ratio_worst"),
-        **{name: known_mean(column(own, name)) for name in ("promised", "kept")},
+        **{name: known_mean(column(own, name)) for name in MEANS},
         "drove_into": int(column(own, "drove_into").sum()),
         "entered": float(column(own, "entered").sum() / max(column(own, "plans").sum(), 1.0)),
         "driven_below": float(column(own, "driven_below").sum() / max(met, 1.0)),
         **{name: float(np.median(column(own, name))) for name in ("peak_speed", "deviation")},
     }
+
+
+MEANS = ("promised", "kept", "area_ratio", "iterations")
+"""Columns of the table whose mean over the episodes is in the summary."""
 
 
 def _extra(own: list[Row], base: list[Row], name: str) -> float:
@@ -196,7 +232,9 @@ def _extra(own: list[Row], base: list[Row], name: str) -> float:
 
 def manner(episode: Episode) -> Row:
     """Return how the robots of an episode drove, and what their plans promised and kept."""
+    spent = [plan.iterations for log in episode.robots for plan in log.plans]
     return {
+        "iterations": known_mean(spent),
         "promised": promised(episode),
         "kept": kept(episode),
         "drove_into": any(_drove_into(a, b) for a, b in pairs(episode)),
@@ -206,17 +244,18 @@ def manner(episode: Episode) -> Row:
 
 
 def held(episode: Episode, controller: Controller, tail: float) -> Row:
-    """Count plans that enter a region, and those that hold less at the step that is driven.
+    """Count plans that enter a region or hold less at the step that is driven; measure regions.
 
     Of a controller that contains no planner none holds less.
     """
     plans = [plan for log in episode.robots for plan in log.plans]
     met = [plan for plan in plans if plan.level.size]
-    planner, full = planner_behind(controller), -np.inf
+    planner, full, ratio = planner_behind(controller), -np.inf, None
     if planner is not None:
         level = level_of(planner.region, planner.level.promise, tail, planner.robot.dimension)
-        full = level - 1e-4
+        full, ratio = level - 1e-4, area_ratio(episode, planner.region, tail, planner.margin)
     return {
+        "area_ratio": ratio,
         "entered": sum(plan.rung in (Rung.LEAST, Rung.BRAKE) for plan in plans),
         "plans_with_obstacles": len(met),
         "driven_below": sum(_below(plan, full) for plan in met),
@@ -232,6 +271,44 @@ def _drove_into(first: DrawnAgent, second: DrawnAgent) -> bool:
     touched = np.flatnonzero(gaps(first, second) < 0.0)
     robots = [log for log in (first, second) if log.kind == "robot"]
     return bool(touched.size) and any(log.speeds[touched[0]] >= STILL for log in robots)
+
+
+SAMPLE = 60
+"""Forecasts of an episode, of one obstacle at one step, over which areas are taken."""
+
+
+def area_ratio(episode: Episode, region: Region, tail: float, margin: float) -> float | None:
+    """Median area of a region over the exact sum's, for forecasts of the plans.
+
+    Both have the content 1 - tail before they are enlarged; ``margin`` m is added to the radii.
+
+    Returns
+    -------
+    None without a forecast, and where the region is not defined for one of them.
+    """
+    means, covariances, radii = [], [], []
+    for log in episode.robots:
+        for plan in log.plans:
+            if plan.forecast is not None and len(plan.tracked):
+                size = plan.forecast.mean.shape[-1]
+                bodies = [episode.agent(name).radius + log.radius for name in plan.tracked]
+                means.append(plan.forecast.mean.reshape(-1, size))
+                covariances.append(plan.forecast.covariance.reshape(-1, size, size))
+                each = plan.forecast.mean[..., 0].size // len(bodies)
+                radii.append(np.repeat(bodies, each) + margin)
+    if not means:
+        return None
+    every = slice(None, None, max(sum(map(len, means)) // SAMPLE, 1))
+    mean, covariance, radius = (np.concatenate(o)[every] for o in (means, covariances, radii))
+    obstacle, exact, size = GaussianObstacle(mean, covariance), MinkowskiSum(), mean.shape[-1]
+    try:
+        areas = [
+            one.area(one.parameters(obstacle, radius), np.array(one.level(tail, size)))
+            for one in (region, exact)
+        ]
+    except WideberthError:
+        return None
+    return rounded(float(np.median(areas[0] / areas[1])))
 
 
 def promised(episode: Episode) -> float:

@@ -20,7 +20,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.scenarios.base import Placement, Scenario
 
 NO_ROOM = "no situation can be drawn: in 10000 draws there was no room for person"
-CROWD = "{type: crowdnav, humans: 60}"
+CROWD = "{type: crowdnav, humans: 60, robot_radius: 0.75}"
 
 
 @pytest.mark.parametrize(
@@ -38,8 +38,8 @@ CROWD = "{type: crowdnav, humans: 60}"
         ("conservativeness", f"scenarios={{x: {CROWD}}}", NO_ROOM),
         ("cost_comparison", f"scenarios={{x: {CROWD}}}", NO_ROOM),
         ("level_policies", f"scenarios={{x: {CROWD}}}", NO_ROOM),
-        ("region_price", f"scenario={CROWD}", NO_ROOM),
-        ("flight", "scenario={type: crossing}", "has 2 coordinates; its robot moves in 3"),
+        ("region_price", f"scenarios={{x: {CROWD}}}", NO_ROOM),
+        ("flight", "scenarios={x: {type: crossing}}", "has 2 coordinates; its robot moves in 3"),
         (
             "recorded_scene",
             "scenarios={x: {type: recorded_scene, scene: eth, tracks: nowhere.txt}}",

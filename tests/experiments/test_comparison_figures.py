@@ -69,7 +69,7 @@ def test_whiskers_of_outcomes_are_explained_or_left_out(seeds: int) -> None:
 @pytest.mark.parametrize("seeds", [4, 12])
 def test_front_names_what_it_shows_on_axes_that_can_be_read(seeds: int) -> None:
     """An entry for each marker and no more; no axis from 27.23 to 27.27 s."""
-    figure = figures._front(played(seeds, lost=False), NAMES)
+    figure = figures.draw_front(played(seeds, lost=False), NAMES)
     panel = figure.axes[0]
     entries, words = legend(figure)
     assert entries == ["ours", "orca"]  # nobody of "lost" arrived: it has no marker

@@ -172,3 +172,22 @@ def test_the_reference_differs_in_the_named_parts_alone() -> None:
     assert experiment.relative_to == {"predictor": "oracle"}
     small = experiment.quick()
     assert [*small.predictors] == ["oracle", "exact+estimation"] and len(small.regions) == 2
+
+
+def test_every_registered_region_has_its_price(tmp_path: Path) -> None:
+    """Kalman forecasts are round: there the paper's ellipse is the exact sum."""
+    experiment, _ = read_experiment("region_price", [])
+    assert isinstance(experiment, PlannerParts) and experiment.seeds >= 10
+    kinds = {type(region).__name__.lower() for region in experiment.regions.values()}
+    assert kinds == {name.replace("_", "") for name in names("regions")}
+    ellipse, exact = "mahalanobis_ellipse", "minkowski_sum"
+    round_ones = {"kalman": experiment.predictors["kalman"]}
+    result = run(replace(experiment, predictors=round_ones), tmp_path / "out", quick=True)
+    rows = {row["region"]: row for row in result.rows}
+    assert [*rows] == [ellipse, exact]
+    for name in ("clearance", "time_ratio_worst", "length_ratio_worst"):
+        assert rows[exact][name] == pytest.approx(rows[ellipse][name], abs=1e-3)
+    lines = {line["region"]: line for line in read_table(tmp_path / "out" / "summary.csv")}
+    assert lines[ellipse]["extra_time"] == lines[ellipse]["extra_path"] == 0.0
+    assert lines[exact]["area_ratio"] == 1.0
+    assert lines[ellipse]["area_ratio"] == pytest.approx(1.0, abs=1e-9)

@@ -260,12 +260,10 @@ def test_every_study_says_what_its_figures_show(name: str) -> None:
 
 def test_pages_define_columns_by_study() -> None:
     columns = ["area_ratio", "clearance_min_m", "success", "unheard_of"]
-    found = {
-        one: column_descriptions(one, columns) for one in ("region_price", "comparison", "flight")
-    }
+    found = {one: column_descriptions(one, columns) for one in ("planner_parts", "comparison")}
     assert all("unheard_of" not in one for one in found.values())
     assert "area_ratio" not in found["comparison"]
-    assert "divided by that of the exact sum" in found["region_price"]["area_ratio"].text
+    assert "divided by that of the exact sum" in found["planner_parts"]["area_ratio"].text
     assert "surfaces" in found["comparison"]["clearance_min_m"].text
     assert "`" not in found["comparison"]["success"].text
     assert found["comparison"]["success"].text.startswith("share of episodes")

@@ -192,7 +192,7 @@ def test_pages_set_in_blocks_commands_and_words() -> None:
     assert page("```yaml\nmine: {type: bicycle, wheelbase: 0.4}\n```\n") == {"Bicycle.wheelbase"}
     assert page("```python\nBicycle(wheelbase=0.4)\n```\n") == {"Bicycle.wheelbase"}
     assert page("Use `{type: bicycle, wheelbase: 0.4}`.") == {"Bicycle.wheelbase"}
-    assert page("wideberth run flight --set scenario.passers=8") == {"Crossing3D.passers"}
+    assert page("wideberth run flight --set scenarios.flight.passers=8") == {"Crossing3D.passers"}
     assert page("`kalman` with `backend: filterpy`") == {"Kalman.backend"}
     assert page("`backend: filterpy`, whose ever") == set()
     assert page("Only one has `wheelbase: 0.4`") == {"Bicycle.wheelbase"}

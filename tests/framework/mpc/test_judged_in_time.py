@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.studies.planner_parts import kept, promised
-from wideberth.experiments.studies.prediction_data import PredictionData
+from wideberth.experiments.studies.prediction_data import PredictionData, Protocol
 from wideberth.experiments.studies.prediction_scores import calibration, run_along
-from wideberth.experiments.studies.prediction_windows import Protocol
 from wideberth.framework.mpc.planner.verify import Violation
 from wideberth.framework.mpc.slots.base import Touch
 from wideberth.framework.predictor import Predictor
