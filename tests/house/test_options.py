@@ -55,7 +55,7 @@ REASONS: dict[str, str] = {
         SceneFiles: dt
         """,
     "what a learnt policy was trained to see": """
-        ObservationSpec: reach walls
+        ObservationSpec: reach steps walls
         """,
     "numerical tolerance, or limit of iterations or samples": """
         BilevelOrca: most_iterations most_people
@@ -67,14 +67,16 @@ REASONS: dict[str, str] = {
         DynamicWindow: samples
         Game: agents iterations
         MixtureDensity: rounds
-        ReactingPeople: most
+        PooledVectorAutoregression: noise_floor
+        ReactingPeople: most step
+        VectorAutoregression: noise_floor
         """,
     "how a fit cuts recordings, long or short, many or few, into windows and classes": """
         AdaptiveConformal: observed speeds
         Conformal: observed
         Corrected: classes observed
         Empirical: jitters observed speeds
-        FunctionalConstant: observed
+        FunctionalConstant: observed steps
         MixtureDensity: observed
         """,
     "a number that `fit` or `update` writes": """
@@ -108,6 +110,7 @@ REASONS: dict[str, str] = {
         PooledVectorAutoregression: acceleration_density order
         Reciprocal: most_neighbours neighbour_distance obstacle_horizon safety_space time_horizon
         RiskAllocation: growth
+        SampledController: steps
         SocialForce: direction_spread force relaxation speed_spread
         SocialForceController: reach stiffness strength
         VectorAutoregression: order
