@@ -171,8 +171,7 @@ def test_passers_meet_their_robot_and_leave_the_starts_alone() -> None:
     [
         (lambda: Crossing3D(passers=-1), "passers"),
         (lambda: Holonomic3D(max_acceleration=0.0), "holonomic_3d.max_acceleration"),
-        (lambda: shipped("robot.type=holonomic"), "2 dimensions"),
-        (lambda: shipped("regions={}"), "at least one"),
+        (lambda: shipped("regions={}", "predictors={}"), "at least one"),
         (lambda: shipped("show=[10]"), r"show is \[10\]"),
     ],
 )
