@@ -19,7 +19,6 @@ from wideberth.experiments.drawing.trade_off_markers import (
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.studies import comparison_figures as figures
 from wideberth.experiments.studies.planner_parts import draw_tables
-from wideberth.experiments.studies.replay import compare
 
 NAMES = ["ours", "orca", "lost"]
 
@@ -103,17 +102,6 @@ def test_no_pair_is_said_instead_of_an_empty_box() -> None:
     assert not entries
     assert words == "there is no seed at which both arrived: no times to compare"
     assert not figure.axes[0].lines and not len(figure.axes[0].get_xticks())
-
-
-def test_strips_name_their_lines_and_have_no_unit_of_one() -> None:
-    rows: list[Row] = [
-        {"planner": "a", "clearance": 0.2, "time_ratio_worst": ratio} for ratio in (1.1, np.inf)
-    ]
-    figure = compare(rows)
-    entries, _ = legend(figure)
-    assert entries == ["episode", "median", "never arrived", "bodies touch, free time"]
-    units = [panel.get_ylabel() for panel in figure.axes]
-    assert units == ["least clearance (m)", "time over free time"]
 
 
 def test_few_counts_episodes() -> None:

@@ -305,9 +305,10 @@ def test_quick_run_keeps_apart_and_draws(tmp_path: Path, monkeypatch: pytest.Mon
     experiment = shipped("scenarios.flight.passers=2", "planner.horizon=10")
     result = run(experiment, tmp_path / "flight", quick=True)
     rows = result.rows
-    assert [row["region"] for row in rows] == ["exact_sum", "paper_ellipsoid"]
+    assert [row["region"] for row in rows] == 2 * ["exact_sum", "paper_ellipsoid"]
     assert not any(row["collision"] or row["deadlock"] for row in rows)
-    exact, paper = experiment.quick().summary(rows)
+    ball, same, exact, paper = experiment.quick().summary(rows)
+    assert ball["area_ratio"] == 1.0 and same["area_ratio"] == pytest.approx(1.0, abs=1e-6)
     assert exact["area_ratio"] == 1.0 > paper["area_ratio"]
     files = draw(result.folder)
     wanted = {"planner_parts", "flight_kalman", "flight_var"}
