@@ -83,8 +83,8 @@ def robots(_: argparse.Namespace) -> None:
         print(f"| `{name}` |", " | ".join(cells), "|", flush=True)
 
 
-STUDIES = ("comparison", "encounter", "flight")
-"""Types of configs with scenarios."""
+STUDIES = ("comparison", "encounter")
+"""Types of configs with scenarios; the config `flight` has one too."""
 SIZES = (*(f"n_{n}" for n in range(3, 11)), "none", "twelve", "both_ways", "sixteen", "gaussian")
 """Scenarios that are others at another size, and one without people."""
 
@@ -95,12 +95,12 @@ def places() -> dict[tuple[str, str], tuple[Any, Any, Any]]:
     parts: dict[tuple[str, str], tuple[Any, Any, Any]] = {}
     for name in shipped():
         config = read_config(config_path(name))
-        if config["type"] not in STUDIES or name == "fault_sweep":
+        if name == "fault_sweep" or not (config["type"] in STUDIES or name == "flight"):
             continue
         several = config["type"] == "comparison"
         settings = config.get("settings", {})
         robot = _first(config["robots"]) if several else config["robot"]
-        scenarios = config["scenarios"] if several else {name: config["scenario"]}
+        scenarios = config["scenarios"] if "scenarios" in config else {name: config["scenario"]}
         for label, scenario in scenarios.items():
             if label in SIZES or label.endswith("_sfm"):
                 continue

@@ -10,7 +10,6 @@ _NAMES = {
     "studies.grid": "GridStudy reduced",
     "studies.jrdb": "read_jrdb",
     "studies.thor_magni": "read_thor_magni",
-    "studies.trajdata_scene": "read_trajdata",
 }
 """Module -> its public names, which are imported on first use."""
 

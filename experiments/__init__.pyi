@@ -17,5 +17,4 @@ from .studies.grid import GridStudy as GridStudy
 from .studies.grid import reduced as reduced
 from .studies.jrdb import read_jrdb as read_jrdb
 from .studies.thor_magni import read_thor_magni as read_thor_magni
-from .studies.trajdata_scene import read_trajdata as read_trajdata
-__all__ = ['Experiment', 'GridStudy', 'Result', 'Row', 'Task', 'TaskOutcome', 'extract', 'latex_text', 'markdown_text', 'open_result', 'read_jrdb', 'read_thor_magni', 'read_trajdata', 'reduced', 'run', 'subplots']
+__all__ = ['Experiment', 'GridStudy', 'Result', 'Row', 'Task', 'TaskOutcome', 'extract', 'latex_text', 'markdown_text', 'open_result', 'read_jrdb', 'read_thor_magni', 'reduced', 'run', 'subplots']

@@ -213,12 +213,12 @@ draw.plan(planner.plan)
 #    wideberth run crossing --quick --set planners.default.region=my_region:Disc
 #
 # A table of predictors and regions, yours among others, is a config of a few lines. ``planner_parts`` drives every
-# pair through the same situations:
+# pair through the same situations; ``levels`` and ``costs`` may be named beside them:
 #
 # .. code-block:: yaml
 #
 #    type: planner_parts
-#    scenario: {type: crossing_field, walkers: 3, reach: 4.0}
+#    scenarios: {field: {type: crossing_field, walkers: 3, reach: 4.0}}
 #    robot: &robot my_robot:Cart
 #    planner: {<<: recommended, robot: *robot}
 #    predictors: {braking: "my_predictor:Braking", kalman: kalman}

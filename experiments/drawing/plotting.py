@@ -94,15 +94,6 @@ def legend_below(figure: "Figure", panels: Iterable[Any], **settings: Any) -> No
     figure.legend([*entries.values()], [*entries], loc="outside lower center", **settings)
 
 
-def name_columns(panel: Any, names: Sequence[str]) -> None:
-    """Write names below columns at 0, 1, ...: a word per line, upright where they are many."""
-    upright = len(names) > 6
-    labels = [name.replace("_", " " if upright else "\n") for name in names]
-    panel.set_xticks(range(len(labels)), labels, rotation=90 if upright else 0)
-    panel.set_xlim(-0.6, len(labels) - 0.4)
-    panel.grid(axis="x", visible=False)
-
-
 def print_dollars(figure: "Figure") -> None:
     r"""Print dollar signs of names as they are; a formula has a command, as in `\rho`.
 

@@ -117,7 +117,10 @@ def _begun(cast: Cast, robot: Robot, controller: Controller, settings: Settings,
     return cast.begin(robots, settings, seed)
 
 
-KEPT_BY = ("scenario", "robot", "settings", "planner", "controller")
+KEPT_BY = (
+    *("scenario", "robot", "settings", "planner", "controller"),
+    *("predictor", "region", "level", "cost"),
+)
 """Settings of a task that make up the name of a kept episode, where it has them."""
 
 

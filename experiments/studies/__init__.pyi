@@ -3,27 +3,18 @@
 # fmt: off
 
 from .approximation_error import ApproximationError as ApproximationError
-from .boundary_risk import BoundaryRisk as BoundaryRisk
-from .closed_loop_risk import ClosedLoopRisk as ClosedLoopRisk
 from .comparison import Comparison as Comparison
-from .conservativeness import Conservativeness as Conservativeness
-from .convex_certificates import ConvexCertificates as ConvexCertificates
-from .cost_comparison import CostComparison as CostComparison
-from .dynamic_matters import DynamicMatters as DynamicMatters
 from .ellipse_construction import EllipseConstruction as EllipseConstruction
 from .encounter import Encounter as Encounter
 from .first_sight import FirstSight as FirstSight
-from .flight import Flight as Flight
 from .forecast_regions import ForecastRegions as ForecastRegions
 from .guarantees import Guarantees as Guarantees
 from .known_futures import KnownFutures as KnownFutures
-from .level_policies import LevelPolicies as LevelPolicies
 from .planner_parts import PlannerParts as PlannerParts
 from .prediction_benchmark import PredictionBenchmark as PredictionBenchmark
 from .reacting_calibration import ReactingCalibration as ReactingCalibration
 from .region_gallery import RegionGallery as RegionGallery
-from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
-__all__ = ['ApproximationError', 'BoundaryRisk', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'FirstSight', 'Flight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning']
+__all__ = ['ApproximationError', 'Comparison', 'EllipseConstruction', 'Encounter', 'FirstSight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'Replay', 'Tuning']
 BUILT_IN: dict[str, str]

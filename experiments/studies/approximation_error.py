@@ -10,8 +10,7 @@ from ...framework.values.arrays import Array, positive, whole
 from ...regions import inflation
 from ..drawing.plotting import PAGE, style, subplots
 from ..engine.closed_loop import group
-from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced
-from .region_family import rounded
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced, rounded
 
 MARKERS = ("", *"os^Dv")
 """With the line styles, what distinguishes the lines in grey print."""

@@ -48,7 +48,7 @@ def summary_pictures(lines: Sequence[Row], rows: Sequence[Row], baseline: str) -
     """
     names = list(dict.fromkeys(str(row["controller"]) for row in rows))
     yield "outcomes", _outcomes(rows)
-    yield "clearance_against_time", _front(rows, names)
+    yield "clearance_against_time", draw_front(rows, names)
     if len(names) > 1:
         yield "paired_times", _pairs(rows, names, baseline)
     if len(_panels(rows)) > 2:
@@ -119,16 +119,21 @@ def _bar(panel: Any, place: float, rows: Sequence[Row]) -> None:
         panel.plot(ends, [place + aside] * 2, "|-", color="black", linewidth=1.0, markersize=4)
 
 
-def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
-    """Draw median clearance against median time, a panel per place."""
+def draw_front(
+    rows: Sequence[Row], names: Sequence[str], time: str = "success_time",
+    label: str = "time to the goals (s)",
+) -> Any:  # fmt: skip
+    """Draw median clearance against median time, a panel per place.
+
+    ``time`` is the column of the times, ``label`` what stands below them.
+    """
     looks, drawn = front_looks(names), set()
     panels = _panels(rows)
     figure, axes = _grid(len(panels), 2.2)
     for panel, (where, some) in zip(axes, panels.items(), strict=True):
         panel.set_title(where)
         places = {
-            name: mark(panel, own, "success_time", looks[name])
-            for name, own in by_controller(some).items()
+            name: mark(panel, own, time, looks[name]) for name, own in by_controller(some).items()
         }
         nest(panel)
         never = [title(name) for name, place in places.items() if place is None]
@@ -141,7 +146,7 @@ def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
             panel.margins(y=0.14)
             widen(panel)
         drawn |= {name for name, place in places.items() if place is not None}
-        panel.set_xlabel("\n".join(["time to the goals (s)", *missing]))
+        panel.set_xlabel("\n".join([label, *missing]))
     for panel in axes[:: min(len(axes), 3)]:
         panel.set_ylabel("least clearance (m)")
     known = {name: look for name, look in looks.items() if name in drawn}

@@ -17,7 +17,10 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
 from ..engine.closed_loop import about_first_contact, check_starts, inputs_of, outcome, play
-from .grid import GridStudy, Pictures, Task, TaskOutcome
+from .grid import GridStudy, Pictures, Row, Task, TaskOutcome
+
+LEAD = 1.5
+"""s from the drawn plan of a flight to the closest approach."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +98,8 @@ class SeededStudy(GridStudy):
     ) -> Pictures:
         """Yield the pictures of one episode: the views of two robots, the run, and the film.
 
+        In space the one picture is the flight, from above and from the side.
+
         Parameters
         ----------
         name : ends the names of the pictures.
@@ -104,7 +109,11 @@ class SeededStudy(GridStudy):
         """
         from ..drawing.animation import animate
         from ..drawing.episodes import draw_run, draw_views
+        from ..drawing.episodes_3d import draw_flight
 
+        if episode.robots[0].positions.shape[1] == 3:
+            yield f"flight_{name}", draw_flight(episode, tail=self.tail, lead=LEAD)
+            return
         planner = planner_behind(controller)
         if views is not None and len(episode.robots) == 2:
             yield (
@@ -198,23 +207,25 @@ def measured(
     tail: float,
     show: Sequence[int] = (),
     metrics: Mapping[str, str] = MappingProxyType({}),
+    more: Callable[[Episode], Row] = lambda _: {},
 ) -> TaskOutcome:
     """Play the episode of a task and measure all there is; keep it where its seed is shown.
 
-    ``metrics`` are columns by name, see `episode_metric`.
+    ``metrics`` are columns by name, see `episode_metric`; ``more`` returns a study's own columns.
     """
     episode = play(scenario, robot, controller, settings, task.seed)
     judged = scenario.judge(episode)
-    more = {
+    columns = {
         **measures(episode, tail, settings.time_limit),
         **about_first_contact(episode, scenario, robot, controller, settings),
         **{f"judged_{name}": value for name, value in judged.items()},
+        **more(episode),
     }
     for name, target in metrics.items():
-        if name in more:
+        if name in columns:
             raise WideberthError(f"metrics: the column {name!r} exists; give yours another name")
-        more[name] = float(episode_metric(target)(episode))
-    return outcome(episode, task, tail, more, keep=task.seed in show)
+        columns[name] = float(episode_metric(target)(episode))
+    return outcome(episode, task, tail, columns, keep=task.seed in show)
 
 
 def episode_metric(target: str) -> Callable[[Episode], float]:

@@ -146,3 +146,10 @@ def labelled(rows: Iterable[Row], *columns: str) -> list[tuple[Row, list[Row]]]:
         (dict(zip(columns, values, strict=True)), some)
         for values, some in group(list(rows), *columns).items()
     ]
+
+
+def rounded(value: float, length: bool = False) -> float:
+    """Round what differs between processors: to nine digits, lengths to 1e-9 m."""
+    if length:
+        return round(value, 9) + 0.0
+    return 0.0 if abs(value) <= 1e-12 else float(f"{value:.9g}")  # NaN stays

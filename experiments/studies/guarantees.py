@@ -277,12 +277,12 @@ class Guarantees(GridStudy):
         line: Row = {
             "event": coverage.event.name.lower(),
             "promise": tail,
-            **_share("missed", rows, counted),
+            **missed_share("missed", rows, counted),
             "episodes": len(rows),
             "fitted": rows[0]["fitted"],
         }
         for name in SUMS[:-1]:
-            line |= _share(f"{name}_missed", rows, name)
+            line |= missed_share(f"{name}_missed", rows, name)
         line |= {
             "episodes_missed_driving": float(np.mean(column(rows, "driven_missed") > 0)),
             **{f"radius_{at}_m": known_mean(column(rows, f"radius_{at}")) for at in STEPS_SHOWN},
@@ -367,9 +367,12 @@ def _joined(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts])
 
 
-def _share(name: str, rows: list[Row], counted: str) -> Row:
-    """Share of what is counted that was missed, with its interval over blocks."""
-    blocks = group(rows, "block").values()
+def missed_share(name: str, rows: list[Row], counted: str, block: str = "block") -> Row:
+    """Share of what is counted that was missed, with its interval over blocks.
+
+    ``block`` is the column that says which rows depend on each other.
+    """
+    blocks = group(rows, block).values()
     parts = np.array([column(some, f"{counted}_missed").sum() for some in blocks])
     wholes = np.array([column(some, counted).sum() for some in blocks])
     low, high = ratio_interval(parts, wholes)

@@ -10,7 +10,7 @@ from ...framework import Controller, Robot, Tracks, WideberthError
 from ...framework.controller import driving
 from ...framework.numerics.chi_square import content_bound
 from ...framework.values.arrays import Array, positive, whole
-from ...metrics.statistics import known_mean, ratio_interval
+from ...metrics.statistics import known_mean
 from ...predictors.conformal import Conformal
 from ...predictors.core.calibration import replayed, squared_distances
 from ...predictors.data.windows import windows_of
@@ -18,9 +18,10 @@ from ...simulation.engine.settings import Settings
 from ...simulation.measures.summary import summarise
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import PAGE, few, legend_below, subplots, title
+from ..drawing.shaded_tables import shaded
 from ..engine.closed_loop import check_starts, column, group, inputs_of, play
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
-from .guarantees import MISSES, seen_tracks
+from .guarantees import MISSES, missed_share, seen_tracks
 from .variants import planner_of
 
 STAGE = 1000
@@ -173,10 +174,7 @@ class ReactingCalibration(GridStudy):
         line: Row = {"promise": predictor.tail}
         event = MISSES[predictor.coverage.event]
         for name, counted in (("missed", event), *((f"{name}_missed", name) for name in COUNTED)):
-            parts, wholes = (column(rows, f"{counted}{end}") for end in ("_missed", ""))
-            low, high = ratio_interval(parts, wholes)
-            share = float(parts.sum() / max(wholes.sum(), 1.0))
-            line |= {name: share, f"{name}_low": low, f"{name}_high": high}
+            line |= missed_share(name, rows, counted, "episode")
         return line | {
             "radius_m": known_mean(column(rows, "radius")),
             "arrived": float(np.mean(column(rows, "arrived"))),
@@ -347,10 +345,7 @@ def draw_table(lines: list[Row]) -> Any:
                          for axis in ("calibrated", "driven"))  # fmt: skip
         ratio = np.array([row["missed"] / row["promise"] for row in some])
         ratio = ratio.reshape(len(rows), len(columns))
-        panel.imshow(ratio, cmap="Greys", vmin=0.0, vmax=4.0)
-        for i, j in np.ndindex(*ratio.shape):
-            colour = "white" if ratio[i, j] > 2.0 else "black"
-            panel.text(j, i, f"{ratio[i, j]:.1f}", ha="center", va="center", color=colour)
+        shaded(panel, ratio, ".1f", better_high=False)
         panel.set_xticks(range(len(columns)), [title(one) for one in columns], rotation=90)
         panel.set_yticks(range(len(rows)), [title(one) for one in rows])
         panel.set_title(f"{title(people)}, {title(name)}")

@@ -1,18 +1,19 @@
 """Every region around one Gaussian, side by side."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from textwrap import fill
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework import GaussianObstacle, Region, WideberthError
-from ...framework.values.arrays import Array, positive
+from ...framework import GaussianObstacle, Region, WideberthError, build, load, names
+from ...framework.values.arrays import Array, positive, probability
+from ...metrics.region_risk import measure
 from ...regions.minkowski_sum import MinkowskiSum
 from ..drawing.plotting import COLOURS, PAGE, entry, number, subplots, title
-from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome
-from .region_family import FIELDS, RegionStudy, exceeds, family, member, reading
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, rounded
 
 ACROSS = 5
 """Panels in one line of the figure."""
@@ -26,9 +27,20 @@ COLUMNS = (
 )  # fmt: skip
 
 
+FIELDS = (
+    "level", "promised_tail", "tail", "risk_min", "risk_max", "risk_mean", "area", "area_ratio",
+    "clearance_lost", "gap_min", "gap_max", "gap_mean", "effective_level", "relation",
+    "guarantee",
+)  # fmt: skip
+"""Columns of `reading`."""
+
+_LENGTHS = ("clearance_lost", "gap_min", "gap_max", "gap_mean")
+"""Differences of lengths in m, known to about 1e-12 m."""
+
+
 @final
 @dataclass(frozen=True)
-class RegionGallery(RegionStudy):
+class RegionGallery(GridStudy):
     """Every region at level(tail) around one Gaussian, with what the risk meter reads there.
 
     Areas are those of the enlarged regions over the exact sum of content ellipse and disc of
@@ -37,11 +49,17 @@ class RegionGallery(RegionStudy):
 
     Attributes
     ----------
+    regions : by name.
+    registered : measure every other registered region of two coordinates too.
+    tail : 1 - content, or the asked risk where a region's level stands for a risk.
     deviations : m, of the two coordinates.
     correlation : of the two coordinates, within [-0.99, 0.99].
     margin : m, r + r_d.
     """
 
+    regions: Mapping[str, Region] = field(default_factory=dict)
+    registered: bool = True
+    tail: float = 0.05
     deviations: tuple[float, float] = (1.0, 0.5)
     correlation: float = 0.8
     margin: float = 0.75
@@ -52,8 +70,10 @@ class RegionGallery(RegionStudy):
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
 
-    def validate(self) -> None:
-        """Refuse a covariance that is none."""
+    def __post_init__(self) -> None:
+        probability("tail", self.tail)
+        if not (self.regions or self.registered):
+            raise WideberthError("regions is empty; name one, or set registered to true")
         positive("margin", self.margin, zero=True)
         for deviation in self.deviations:
             positive("deviations", deviation, zero=True)
@@ -63,15 +83,19 @@ class RegionGallery(RegionStudy):
             )
 
     def axes(self) -> Axes:
-        """Each region."""
-        return {"region": family(self.regions, self.registered)}
+        """Each given region, then every registered one that no given one is named after."""
+        found = list(self.regions)
+        if self.registered:
+            others = [name for name in names("regions") if name not in found]
+            found += [name for name in others if 2 in load("regions", name).dimensions]
+        return {"region": found}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Read the meter, and keep the outline beside the exact sum's."""
         name = str(task.settings["region"])
         obstacle = GaussianObstacle(np.zeros(2), self._covariance())
         try:
-            region = member(self.regions, name)
+            region = self.regions[name] if name in self.regions else build("regions", name)
             level = region.level(self.tail)
             row = {"region": name, **reading(region, obstacle, self.margin, level)}
         except WideberthError as error:
@@ -98,13 +122,36 @@ class RegionGallery(RegionStudy):
         yield "region_gallery", _draw(shown, curves, missing, self._covariance(), self.tail)
 
     def quick(self) -> Self:
-        """Keep three regions."""
-        return self.three()
+        """Keep the first three of the given regions, if any is given."""
+        chosen = dict(list(self.regions.items())[:3])
+        return replace(self, regions=chosen, registered=self.registered and not chosen)
 
     def _covariance(self) -> Array:
         first, second = self.deviations
         cross = self.correlation * first * second
         return np.array([[first**2, cross], [cross, second**2]])
+
+
+def reading(region: Region, obstacle: GaussianObstacle, margin: float, level: float) -> Row:
+    """Read the risk meter into a line of a table, with what the region declares of itself.
+
+    Raises
+    ------
+    WideberthError : the region is not defined here; see `metrics.region_risk.measure`.
+    """
+    report = measure(region, obstacle, margin, level)
+    values = {key: rounded(value, key in _LENGTHS) for key, value in asdict(report).items()}
+    return {
+        **values,
+        "effective_level": rounded(report.effective_level),
+        "relation": str(region.relation),
+        "guarantee": str(region.guarantee),
+    }
+
+
+def exceeds(row: Row, tail: float) -> bool:
+    """Whether the risk exceeds the tail, but for rounding: a risk contour has it everywhere."""
+    return float(row["risk_max"]) > tail * (1 + 1e-6)
 
 
 def _outline(

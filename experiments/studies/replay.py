@@ -1,5 +1,6 @@
 """The robot crosses among recorded people, who do not know of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -8,17 +9,16 @@ import numpy as np
 
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import fresh
+from ...framework.tracking.recordings import Recording, doubts
 from ...framework.values.arrays import positive
 from ...metrics.episode import approach
-from ...predictors.data.recordings import Recording, doubts
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
-from ..drawing.plotting import PAGE, subplots
-from ..drawing.strips import strip, strip_legend
 from ..engine.closed_loop import column, condense, outcome, pick
 from ..engine.progress import say
+from .comparison_figures import draw_front
 from .crowd import SHIPPED, CrowdInstant, TrackFile, counted_reasons, draw_situation
 from .episodes import SeededStudy
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
@@ -222,19 +222,8 @@ def contacts(episode: Episode, found: CrowdInstant) -> Row:
 
 
 def compare(rows: list[Row]) -> Any:
-    """Draw clearance and time of every episode, a column per planner, with the medians.
-
-    Episodes that never reached the goal stand as triangles at the upper edge.
-    """
-    planners = {row["planner"] for row in rows}
-    figure, panels = subplots(1, 2, figsize=(PAGE, 2.7 if len(planners) <= 6 else 3.5))
-    quantities = (
-        ("clearance", "least clearance (m)", 0.0),
-        ("time_ratio_worst", "time over free time", 1.0),
-    )
-    for panel, (name, label, line) in zip(panels, quantities, strict=True):
-        strip(panel, rows, name)
-        panel.axhline(line, color="0.5", linewidth=0.6)
-        panel.set_ylabel(label)
-    strip_legend(figure, "bodies touch, free time")
-    return figure
+    """Draw clearance against time of each planner; who never arrived is named below."""
+    place = {"scenario": "replay", "robot": "", "settings": ""}
+    shown = [{**row, **place, "controller": row["planner"]} for row in rows]
+    names = list(dict.fromkeys(str(row["planner"]) for row in rows))
+    return draw_front(shown, names, "extra_time_worst", "time beyond the free time (s)")

@@ -5,19 +5,16 @@ from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, final
 
-import numpy as np
-
 from ...framework import Controller, WideberthError, build, describe
 from ...framework.controller import driving
 from ...framework.plugins.yamlfile import assign
 from ...metrics.statistics import pareto
-from ..drawing.plotting import COLOURS, PAGE, entry, subplots
-from ..drawing.trade_off_markers import bars_note, mark, nest, say_empty, widen
 from ..engine.closed_loop import group
 from ..engine.text_tables import format_cell
+from .comparison_figures import draw_front
 from .episode_statistics import SOURCES, against, condensed
 from .episodes import OnePlaceStudy, check_robots, measured
-from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled
 
 BASE = "base"
 """Name of the setting that is varied."""
@@ -126,7 +123,7 @@ class Tuning(OnePlaceStudy):
 
     def pictures(self, result: Result) -> Pictures:
         """Draw the clearance-against-time front, a panel per factor."""
-        yield "tuning", draw_fronts(self.summary(result.rows), result.rows)
+        yield "tuning", draw_fronts(result.rows)
 
     def quick(self) -> Self:
         """Play one seed to its end with the first value of the first factor."""
@@ -141,86 +138,15 @@ def worded(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-BEST = "0.75"
-"""Grey of what no other setting beats."""
-
-
-def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
-    """Draw the settings of each factor beside the base.
-
-    A star stands for the base; behind, in every panel, a grey step joins the settings that no
-    other one beats in clearance and time among those that always arrived. Bars and hollow markers
-    as in `trade_off_markers.mark`; values at one place share a label.
-    """
-    played = group(rows, "factor", "value")
-    (first, *others) = played
-    factors = list(dict.fromkeys(factor for factor, _ in others))
-    wide = min(len(factors), 3)
-    deep = -(-len(factors) // wide) if factors else 1
-    figure, axes = subplots(
-        deep, max(wide, 1), figsize=(PAGE * (0.4 + 0.2 * wide), 0.6 + 2.2 * deep), squeeze=False,
-        sharex=True, sharey=True, layout="constrained",
-    )  # fmt: skip
-    for panel in axes.flat[len(factors) :]:
-        panel.set_visible(False)
-    front = _front(lines)
-    for i, factor in enumerate(factors):
-        panel, colour = axes.flat[i], COLOURS[1 + i % (len(COLOURS) - 1)]
-        panel.set_title(factor)
-        panel.plot(*front.T, "-", color=BEST, linewidth=2.5, zorder=0.5)
-        place = mark(panel, played[first], "success_time", ("*", COLOURS[0]))
-        _values(panel, {key[1]: own for key, own in played.items() if key[0] == factor}, colour)
-        nest(panel)
-        panel.margins(0.12)
-        if place is not None:
-            star = next(line for line in panel.lines if line.get_marker() == "*")
-            star.set_markersize(star.get_markersize() + 4.0)
-            widen(panel)
-        if i + wide >= len(factors):  # nothing below it
-            panel.tick_params(labelbottom=True)
-            panel.set_xlabel("time to the goals (s)")
-    if not any(row["success"] for row in rows):
-        for panel in axes.flat[: len(factors)]:
-            say_empty(panel)
-    for panel in axes[:, 0]:
-        panel.set_ylabel("least clearance (m)")
-    _legend(figure, bars_note(map(len, played.values())))
-    return figure
-
-
-def _values(panel: Any, played: Mapping[Any, Sequence[Row]], colour: str) -> None:
-    """Mark the values of a factor, with one label for those at one place."""
-    labels: dict[tuple[float, float], list[str]] = {}
-    for value, rows in played.items():
-        place = mark(panel, rows, "success_time", ("o", colour))
-        if place is not None:
-            same = next((other for other in labels if np.allclose(other, place)), place)
-            labels.setdefault(same, []).append(format_cell(value))
-    for place, words in labels.items():
-        text = ", ".join(words)
-        panel.annotate(text, place, (3, -8), textcoords="offset points", fontsize=6)
-
-
-def _front(lines: Sequence[Row]) -> Any:
-    """Corners of the step that joins the best settings without failures, (K, 2)."""
-    safe = [line for line in lines if line["success"] == 1.0]
-    points = np.array([(line["time_median_s"], line["clearance_median_m"]) for line in safe])
-    if not len(points):
-        return np.zeros((0, 2))
-    best = points[pareto(points * (1.0, -1.0))]
-    best = best[np.argsort(best[:, 0])]
-    corners = np.stack([np.append(best[1:, 0], best[-1, 0]), best[:, 1]], axis=1)
-    return np.stack([best, corners], axis=1).reshape(-1, 2)
-
-
-def _legend(figure: Any, words: str) -> None:
-    best = {"color": BEST, "linestyle": "-", "linewidth": 2.5}
-    entries = [
-        entry("base", marker="*", color=COLOURS[0], markersize=9),
-        entry("one setting changed", marker="o", color=COLOURS[1]),
-        entry("front of those that always arrive", **best),
-    ]
-    figure.legend(
-        handles=entries, loc="outside lower center", ncols=3, title=f"medians; {words}",
-        title_fontsize=7,
-    )  # fmt: skip
+def draw_fronts(rows: Sequence[Row]) -> Any:
+    """Draw the values of each factor beside the base, a panel per factor."""
+    base, *others = labelled(rows, "factor", "value")
+    shown: list[Row] = []
+    for factor in dict.fromkeys(labels["factor"] for labels, _ in others) or [BASE]:
+        panel = [(BASE, base[1])]
+        panel += [
+            (format_cell(one["value"]), own) for one, own in others if one["factor"] == factor
+        ]
+        place = {"scenario": factor, "robot": "", "settings": ""}
+        shown += [{**row, **place, "controller": name} for name, own in panel for row in own]
+    return draw_front(shown, list(dict.fromkeys(row["controller"] for row in shown)))

@@ -1,12 +1,11 @@
 """A robot among walkers that move exactly as a stated stochastic model says."""
 
 from dataclasses import dataclass, field
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 
 from ...framework.values.arrays import Array, positive
-from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ..engine.agents import ReplayAgent
 from .base import Placement, Scenario
@@ -14,8 +13,6 @@ from .placing import draw_place
 
 AFTER = 60.0
 """s after time 0 for which walkers are there."""
-SETTLING = 200
-"""Steps after which an autoregression has forgotten that it began at rest."""
 
 
 @final
@@ -51,48 +48,8 @@ class WhiteAcceleration:
         return np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
 
 
-@final
-@dataclass(frozen=True)
-class Autoregression:
-    """A stationary vector autoregression of the velocity: the model of the paper's predictor.
-
-    v_h = a_1 v_{h-1} + ... + a_p v_{h-p} + u_h,   u_h ~ N(0, s^2 I),   p_h = p_{h-1} + dT v_h
-
-    Parameters
-    ----------
-    coefficients : the a_j.
-    innovation : s^2, (m/s)^2.
-
-    Raises
-    ------
-    WideberthError : no coefficients, or ones with which velocities grow without end.
-    """
-
-    coefficients: tuple[float, ...] = (1.0, -0.1)
-    innovation: float = 0.01
-
-    def __post_init__(self) -> None:
-        positive("autoregression.innovation", self.innovation)
-        roots = np.roots([1.0, *(-a for a in self.coefficients)])
-        if not len(roots) or np.abs(roots).max() >= 1.0:
-            raise WideberthError(
-                f"autoregression.coefficients is {self.coefficients}; wanted at least one, and "
-                "all roots of z^p - a_1 z^(p-1) - ... - a_p within the unit circle"
-            )
-
-    def walk(self, rng: np.random.Generator, count: int, dt: float) -> Array:
-        """Draw positions at ``count`` instants, relative to the first one, (count, 2), m."""
-        order = len(self.coefficients)
-        velocity = np.sqrt(self.innovation) * rng.standard_normal((SETTLING + count - 1, 2))
-        weights = np.array(self.coefficients[::-1])
-        for h in range(order, len(velocity)):
-            velocity[h] += weights @ velocity[h - order : h]
-        moved = dt * np.cumsum(velocity[SETTLING:], axis=0)
-        return np.concatenate([np.zeros((1, 2)), moved])
-
-
-Motion: TypeAlias = WhiteAcceleration | Autoregression
-
+BEFORE = 10.0
+"""s before time 0 at which the motion begins."""
 WALKERS = 3
 """Number of walkers."""
 REACH = 6.0
@@ -122,7 +79,6 @@ class ModelCrowd(Scenario):
     Parameters
     ----------
     motion : the model.
-    before : s before time 0 at which the motion begins.
     dt : s, step of the model; between its instants walkers go straight.
 
     Raises
@@ -130,12 +86,10 @@ class ModelCrowd(Scenario):
     WideberthError : a number out of range; when drawing, no place outside `ROOM`.
     """
 
-    motion: Motion = field(default_factory=WhiteAcceleration)
-    before: float = 10.0
+    motion: WhiteAcceleration = field(default_factory=WhiteAcceleration)
     dt: float = 0.5
 
     def __post_init__(self) -> None:
-        positive("model_crowd.before", self.before)
         positive("model_crowd.dt", self.dt)
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
@@ -146,7 +100,7 @@ class ModelCrowd(Scenario):
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[ReplayAgent, ...]:
         """Draw each walker's place at time 0 and its motion."""
-        begin = int(np.ceil(self.before / self.dt - 1e-9))
+        begin = int(np.ceil(BEFORE / self.dt - 1e-9))
         times = self.dt * np.arange(-begin, int(AFTER / self.dt) + 1, dtype=np.float64)
         low, high = np.array([0.0, -ASIDE]), np.array([REACH, ASIDE])
         found = []

@@ -13,14 +13,14 @@ from wideberth.experiments.engine.base import Experiment, Result, Row, Task, Tas
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
 from wideberth.experiments.studies.comparison import Comparison
-from wideberth.experiments.studies.level_policies import LevelPolicies
+from wideberth.experiments.studies.planner_parts import PlannerParts
 from wideberth.experiments.studies.tuning import Tuning
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.scenarios.base import Placement, Scenario
 
 NO_ROOM = "no situation can be drawn: in 10000 draws there was no room for person"
-CROWD = "{type: crowdnav, humans: 60}"
+CROWD = "{type: crowdnav, humans: 60, robot_radius: 0.75}"
 
 
 @pytest.mark.parametrize(
@@ -38,8 +38,8 @@ CROWD = "{type: crowdnav, humans: 60}"
         ("conservativeness", f"scenarios={{x: {CROWD}}}", NO_ROOM),
         ("cost_comparison", f"scenarios={{x: {CROWD}}}", NO_ROOM),
         ("level_policies", f"scenarios={{x: {CROWD}}}", NO_ROOM),
-        ("region_price", f"scenario={CROWD}", NO_ROOM),
-        ("flight", "scenario={type: crossing}", "has 2 coordinates; its robot moves in 3"),
+        ("region_price", f"scenarios={{x: {CROWD}}}", NO_ROOM),
+        ("flight", "scenarios={x: {type: crossing}}", "has 2 coordinates; its robot moves in 3"),
         (
             "recorded_scene",
             "scenarios={x: {type: recorded_scene, scene: eth, tracks: nowhere.txt}}",
@@ -89,7 +89,7 @@ def test_quick_settings_are_not_cut_short(name: str) -> None:
     if isinstance(experiment, Comparison) and isinstance(small, Comparison):
         (label, settings), *_ = experiment.settings.items()
         assert small.settings == {label: settings}
-    for kind in (Tuning, LevelPolicies):
+    for kind in (Tuning, PlannerParts):
         if isinstance(experiment, kind) and isinstance(small, kind):
             assert small.settings == experiment.settings
 

@@ -350,8 +350,8 @@ def test_a_new_config_is_a_shipped_one_with_its_comments(shell) -> None:  # type
 
 def test_a_new_config_says_which_extra_it_needs(shell, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
     assert len(shell("new", "mine", "--from", "crossing")[1].splitlines()) == 1
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
-    code, out, _ = shell("new", "other", "--from", "convex_certificates")
+    monkeypatch.setitem(sys.modules, "pyrvo", None)
+    code, out, _ = shell("new", "other", "--from", "crowd_agility")
     assert code == 0 and Path("other.yaml").is_file()
     assert re.search(r"^first: .*pip install 'wideberth\[\w+\]'", out.splitlines()[-1]), out
 

@@ -10,9 +10,8 @@ from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.result import condense_times
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies.conservativeness import Conservativeness, kept, promised
-from wideberth.experiments.studies.dynamic_matters import DynamicMatters
 from wideberth.experiments.studies.encounter import Encounter
+from wideberth.experiments.studies.planner_parts import PlannerParts, kept, promised
 from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.testing import check_controller
@@ -145,12 +144,12 @@ def test_a_quick_encounter_plays_few_episodes(name: str, episodes: int) -> None:
 @pytest.mark.parametrize("name", ["dynamic_matters", "conservativeness"])
 def test_quick_settings_run_and_draw(name: str, tmp_path: File) -> None:
     experiment = shipped(name)
-    assert isinstance(experiment, DynamicMatters | Conservativeness)
+    assert isinstance(experiment, PlannerParts)
     experiment = replace(experiment, scenarios={"crossing": experiment.scenarios["crossing"]})
     result = run(experiment, tmp_path / name, quick=True)
     assert len(result.rows) == len(experiment.quick().tasks())
     lines = experiment.summary(result.rows)
-    assert all(line["collisions"] == 0 for line in lines if line.get("covariance") != "oracle")
+    assert all(line["collisions"] == 0 for line in lines if line["predictor"] != "oracle")
     files = draw(tmp_path / name)
     assert {path.suffix for path in files} == {".png", ".pdf"}
 
@@ -183,8 +182,8 @@ def test_settings_that_make_no_experiment_are_refused(encounter: Encounter) -> N
     with pytest.raises(WideberthError, match=r"show is \[7\]; wanted seeds in \[0, 1\)"):
         replace(encounter, show=(7,))
     conservativeness = shipped("conservativeness")
-    assert isinstance(conservativeness, Conservativeness)
-    with pytest.raises(WideberthError, match="one must be named 'oracle'"):
+    assert isinstance(conservativeness, PlannerParts)
+    with pytest.raises(WideberthError, match=r"relative_to\.predictor: .*'oracle'"):
         replace(conservativeness, predictors={"exact": conservativeness.predictors["exact"]})
 
 

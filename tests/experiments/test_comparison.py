@@ -14,7 +14,7 @@ from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.agility import AGILITY, agile
 from wideberth.experiments.studies.comparison import Comparison
-from wideberth.experiments.studies.comparison_figures import _front, _pairs
+from wideberth.experiments.studies.comparison_figures import _pairs, draw_front
 from wideberth.experiments.studies.episode_statistics import (
     against,
     condensed,
@@ -320,7 +320,7 @@ def test_where_nobody_arrived_the_figures_say_so(gate: Comparison) -> None:
     early = replace(gate, settings=short, seeds=1, show=())
     rows = [row for task in early.tasks() for row in early.measure(task).rows]
     names = list(gate.controllers)
-    figures = [_front(rows, names), _pairs(rows, names, names[0])]
+    figures = [draw_front(rows, names), _pairs(rows, names, names[0])]
     assert [text.get_text() for text in figures[0].axes[0].texts] == ["no arrivals"]
     assert len(figures[0].axes[0].get_xticks()) == 0
     assert len(figures[1].axes[0].get_xticks()) == 0

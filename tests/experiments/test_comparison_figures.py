@@ -17,10 +17,8 @@ from wideberth.experiments.drawing.trade_off_markers import (
     nest,
 )
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.studies import closed_loop_risk
 from wideberth.experiments.studies import comparison_figures as figures
 from wideberth.experiments.studies.planner_parts import draw_tables
-from wideberth.experiments.studies.replay import compare
 
 NAMES = ["ours", "orca", "lost"]
 
@@ -70,7 +68,7 @@ def test_whiskers_of_outcomes_are_explained_or_left_out(seeds: int) -> None:
 @pytest.mark.parametrize("seeds", [4, 12])
 def test_front_names_what_it_shows_on_axes_that_can_be_read(seeds: int) -> None:
     """An entry for each marker and no more; no axis from 27.23 to 27.27 s."""
-    figure = figures._front(played(seeds, lost=False), NAMES)
+    figure = figures.draw_front(played(seeds, lost=False), NAMES)
     panel = figure.axes[0]
     entries, words = legend(figure)
     assert entries == ["ours", "orca"]  # nobody of "lost" arrived: it has no marker
@@ -106,31 +104,10 @@ def test_no_pair_is_said_instead_of_an_empty_box() -> None:
     assert not figure.axes[0].lines and not len(figure.axes[0].get_xticks())
 
 
-def test_strips_name_their_lines_and_have_no_unit_of_one() -> None:
-    rows: list[Row] = [
-        {"planner": "a", "clearance": 0.2, "time_ratio_worst": ratio} for ratio in (1.1, np.inf)
-    ]
-    figure = compare(rows)
-    entries, _ = legend(figure)
-    assert entries == ["episode", "median", "never arrived", "bodies touch, free time"]
-    units = [panel.get_ylabel() for panel in figure.axes]
-    assert units == ["least clearance (m)", "time over free time"]
-
-
 def test_few_counts_episodes() -> None:
     assert few([]) == few([10, 40]) == ""
     assert few([1, 1]) == "1 episode each: too few for intervals"
     assert few([9, 12]) == "9 to 12 episodes each: too few for intervals"
-
-
-@pytest.mark.parametrize("episodes", [4, 12])
-def test_shares_of_few_episodes_have_no_bars(episodes: int) -> None:
-    line = {"episodes": episodes, "outside": 0.2, "outside_low": 0.1, "outside_high": 0.5}
-    bars = closed_loop_risk._bars([line], "outside")
-    if episodes < 10:
-        assert bars is None
-    else:
-        np.testing.assert_allclose(bars, [[0.1], [0.3]])
 
 
 def test_a_legend_of_long_names_has_fewer_columns_and_is_seen_whole() -> None:
@@ -178,9 +155,10 @@ def test_numbers_that_are_printed_alike_have_one_colour() -> None:
 
 
 def test_planner_parts_name_axes_and_episodes() -> None:
-    line = {"region": "r", "success": 1.0, "time_mean_s": 9.0, "intrusion_share": 0.1}
+    line = {"scenario": "s", "region": "r", "success": 1.0, "time_mean_s": 9.0}
+    line |= {"clearance_median_m": 0.4, "intrusion_share": 0.1}
     lines = [{**line, "predictor": name, "episodes": n} for name, n in (("p", 4), ("q", 3))]
-    figure = draw_tables(lines)
-    assert [panel.get_ylabel() for panel in figure.axes] == ["predictor"] * 3
+    figure = draw_tables(lines, ["predictor", "region"])
+    assert [panel.get_ylabel() for panel in figure.axes] == ["predictor"] * 4
     assert figure.axes[-1].get_xlabel() == "region"
     assert all("n = 3 to 4" in panel.get_title() for panel in figure.axes)

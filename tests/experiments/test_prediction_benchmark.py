@@ -13,8 +13,13 @@ from wideberth.experiments.engine.csv_tables import read_table
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.crowd import DATA
 from wideberth.experiments.studies.prediction_benchmark import PredictionBenchmark
-from wideberth.experiments.studies.prediction_data import PredictionData, SceneFiles
-from wideberth.experiments.studies.prediction_windows import Protocol, moments, window_places
+from wideberth.experiments.studies.prediction_data import (
+    PredictionData,
+    Protocol,
+    SceneFiles,
+    moments,
+    window_places,
+)
 from wideberth.framework.predictor import Adaptive, Fittable, Predictor
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError

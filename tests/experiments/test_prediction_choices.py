@@ -14,10 +14,11 @@ from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.prediction_benchmark import PredictionBenchmark
 from wideberth.experiments.studies.prediction_data import (
     PredictionData,
+    Protocol,
     SceneFiles,
     longest_stretch,
+    shown_windows,
 )
-from wideberth.experiments.studies.prediction_windows import Protocol, shown_windows
 from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.values.arrays import Array

@@ -9,8 +9,7 @@ import pytest
 
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.studies.prediction_benchmark import PredictionBenchmark
-from wideberth.experiments.studies.prediction_data import PredictionData
-from wideberth.experiments.studies.prediction_windows import Protocol
+from wideberth.experiments.studies.prediction_data import PredictionData, Protocol
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene

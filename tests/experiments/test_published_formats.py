@@ -2,10 +2,8 @@
 
 import csv
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,6 @@ from wideberth.experiments.studies.crowd import TrackFile, guess_kind
 from wideberth.experiments.studies.jrdb import RATE, read_jrdb
 from wideberth.experiments.studies.prediction_data import PredictionData
 from wideberth.experiments.studies.thor_magni import read_thor_magni
-from wideberth.experiments.studies.trajdata_scene import read_trajdata
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.predictors.data.recordings import Recording
@@ -328,99 +325,6 @@ def test_configs_and_commands_know_both_by_their_files(
         (scene,) = data.found().values()
         (recording,) = data.read(scene)
         np.testing.assert_allclose(recording.positions, wanted, atol=1e-9)
-
-
-class Cache:
-    """A stand-in of trajdata's cache of a scene: a state by agent and time step."""
-
-    def __init__(self, path: Path, scene: Any) -> None:
-        assert path == Path("cache")
-        self.scene = scene
-
-    def get_raw_state(self, agent_id: str, scene_ts: int) -> Any:
-        first = next(a.first_timestep for a in self.scene.agents if a.name == agent_id)
-        return SimpleNamespace(position=self.scene.places[agent_id][scene_ts - first])
-
-
-def stand_in(scenes: list[Any]) -> Any:
-    """A stand-in of the part of trajdata that is used, by its documentation."""
-
-    def unified(desired_data: list[str], data_dirs: dict[str, str], **rest: Any) -> Any:
-        if data_dirs.keys() != {"eupeds_eth"}:
-            raise ValueError("no such dataset")
-        assert desired_data == ["eupeds_eth-train"] and rest == {
-            "desired_dt": None,
-            "num_workers": 0,
-        }
-        return SimpleNamespace(
-            num_scenes=lambda: len(scenes),
-            get_scene=scenes.__getitem__,
-            cache_class=Cache,
-            cache_path=Path("cache"),
-        )
-
-    return SimpleNamespace(UnifiedDataset=unified)
-
-
-def agent(name: str, first: int, last: int, kind: str = "PEDESTRIAN") -> Any:
-    kind_of = SimpleNamespace(name=kind)
-    return SimpleNamespace(name=name, type=kind_of, first_timestep=first, last_timestep=last)
-
-
-def read(**changes: Any) -> Recording:
-    return read_trajdata("eupeds_eth-train", {"eupeds_eth": "folder"}, **changes)
-
-
-@pytest.fixture
-def scenes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Array]:
-    """Give trajdata two scenes, and return where the people of the second are."""
-    tracks = walks(11, 2, 20, DT)
-    places = {"a": tracks[0], "b": tracks[1, 5:15]}
-    agents = [agent("a", 0, 19), agent("b", 5, 14), agent("tram", 0, 3, "VEHICLE")]
-    empty = SimpleNamespace(agents=agents[2:], dt=DT, places={})
-    full = SimpleNamespace(agents=agents, dt=DT, places=places)
-    monkeypatch.setitem(sys.modules, "trajdata", stand_in([empty, full]))
-    return places
-
-
-def test_a_scene_of_trajdata_is_read_as_it_is(scenes: dict[str, Array]) -> None:
-    found = read(scene=1)
-    assert found.ids == ("a", "b") and found.dt == DT and len(found.times) == 20
-    np.testing.assert_allclose(found.positions[0], scenes["a"], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found.positions[1, 5:15], scenes["b"], rtol=0, atol=1e-12)
-    assert np.isnan(found.positions[1, [4, 15]]).all()
-    assert found.notes == ("left out: 1 agents that are not people",)
-
-
-def test_rows_of_trajdata_without_a_place_are_gaps(scenes: dict[str, Array]) -> None:
-    """Their neighbours stay as they are, and a person who has no other rows is named."""
-    whole = read(scene=1).positions
-    scenes["a"][8:10] = np.nan
-    scenes["a"][15, 1] = np.inf
-    found = read(scene=1)
-    assert np.flatnonzero(np.isnan(found.positions[0]).any(axis=1)).tolist() == [8, 9, 15]
-    seen = np.isfinite(found.positions)
-    np.testing.assert_array_equal(found.positions[seen], whole[seen])
-    scenes["b"][:] = np.nan
-    assert read(scene=1).ids == ("a",) and "never seen: b" in read(scene=1).notes
-    scenes["a"][:] = np.nan
-    with pytest.raises(WideberthError, match="none of a, b is ever seen"):
-        read(scene=1)
-
-
-def test_what_trajdata_cannot_give(scenes: dict[str, Array]) -> None:
-    with pytest.raises(WideberthError, match=r"scene is 2; 'eupeds_eth-train' has scenes 0 to 1"):
-        read(scene=2)
-    with pytest.raises(WideberthError, match=r"has no people: its 1 agents are of other types"):
-        read(scene=0)
-    with pytest.raises(WideberthError, match=r"cannot read 'x': no such dataset; check the fold"):
-        read_trajdata("x", {})
-
-
-def test_without_trajdata_a_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "trajdata", None)
-    with pytest.raises(WideberthError, match=r"cannot be imported.*: pip install trajdata;"):
-        read()
 
 
 @pytest.mark.parametrize(

@@ -70,10 +70,10 @@ def test_measured_times_stand_apart(coins: Path, tmp_path: Path) -> None:
 
 
 def test_pages_define_columns_by_study() -> None:
-    found = {one: column_texts(one) for one in ("region_price", "comparison", "flight")}
+    found = {one: column_texts(one) for one in ("planner_parts", "comparison")}
     assert all("unheard_of" not in one for one in found.values())
     assert "area_ratio" not in found["comparison"]
-    assert "divided by that of the exact sum" in found["region_price"]["area_ratio"]
+    assert "divided by that of the exact sum" in found["planner_parts"]["area_ratio"]
     assert "surfaces" in found["comparison"]["clearance_min_m"]
     assert "`" not in found["comparison"]["success"]
     assert found["comparison"]["success"].startswith("share of episodes")

@@ -111,7 +111,6 @@ def test_studies_episodes_figures_and_pages(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "extra"),
     [
-        (("run", "convex_certificates"), "certificates"),
         (("run", "crowd_agility"), "arenas"),
         (("check", "controller", "orca", "--set", "robot=unicycle"), "arenas"),
         (("run", "cascade_chicken_game"), "perception"),

@@ -41,7 +41,6 @@ IMPORTERS = {
     "framework/plugins/lazy.py": "tables of public names",
     "framework/plugins/extras.py": "libraries of extras",
     "framework/testing/laws.py": "a table of checks",
-    "experiments/studies/trajdata_scene.py": "one library",
     "packages/ros/src/wideberth_ros/link.py": "packages of ROS messages that a user's node names",
     "packages/ros/src/wideberth_ros/interfaces.py": "generators of ROS",
     "packages/perception/src/wideberth_perception/physics/film.py": "a table of MuJoCo's backends",

@@ -139,8 +139,8 @@ def test_an_unknown_case_is_refused(case: list[str], words: str) -> None:
 
 
 def test_an_experiment_without_episodes_is_refused() -> None:
-    experiment, _ = read_experiment("boundary_risk", [])
-    with pytest.raises(WideberthError, match="BoundaryRisk drives no robot; take a config that"):
+    experiment, _ = read_experiment("region_gallery", [])
+    with pytest.raises(WideberthError, match="RegionGallery drives no robot; take a config that"):
         chosen_task(experiment, [])
 
 

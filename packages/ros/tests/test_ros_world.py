@@ -233,7 +233,7 @@ def test_scans_of_the_experiment_are_shown_once_each_by_the_clock_of_the_episode
 def test_what_cannot_be_is_refused_before_ros_is_joined() -> None:
     for words, given in (
         ("unknown scenario", ("crowdnav", [], ["scenario=line"])),
-        ("drives no robot", ("boundary_risk", [], [])),
+        ("drives no robot", ("region_gallery", [], [])),
         ("unknown config 'crowdnaw'", ("crowdnaw", [], [])),
         ("rclpy.* of ROS 2 is not found", ("crowdnav", [], [])),
     ):

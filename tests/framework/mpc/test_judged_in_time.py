@@ -9,12 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from wideberth.experiments.studies.closed_loop_risk import _pairs
-from wideberth.experiments.studies.conservativeness import kept, promised
-from wideberth.experiments.studies.prediction_data import PredictionData
+from wideberth.experiments.studies.planner_parts import kept, promised
+from wideberth.experiments.studies.prediction_data import PredictionData, Protocol
 from wideberth.experiments.studies.prediction_scores import calibration, run_along
-from wideberth.experiments.studies.prediction_windows import Protocol
-from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.verify import Violation
 from wideberth.framework.mpc.slots.base import Touch
 from wideberth.framework.predictor import Predictor
@@ -35,7 +32,6 @@ from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures.episode_measures import Sampled, measures
 from wideberth.simulation.measures.plan_calibration import promises
 from wideberth.simulation.measures.summary import forecast_coverage, robot_rows
-from wideberth.tests.helpers.planning import planner
 
 DT, STEPS, SPREAD = 0.5, 4, 1e-3
 TIMES = np.linspace(0.0, 6.0, 121)
@@ -108,14 +104,6 @@ def test_a_touch_counts_at_the_step_at_which_they_meet(step: int) -> None:
     assert row["episode_risk"] == pytest.approx(float(step == 1), rel=1e-5)
     assert kept(played) == 1.0 - 1.0 / STEPS
     assert promised(played) == pytest.approx(0.9)
-    walker = ReplayAgent("runner", TIMES, runner(TIMES), 0.5)
-    made = planner(level=Fixed(0.05), horizon=STEPS, predictor=Knowing())
-    counted = _pairs(one, made, {"runner": walker})
-    assert np.flatnonzero(counted["touched"]).tolist() == [step - 1]
-    assert np.flatnonzero(counted["expected"] > 0.5).tolist() == [step - 1]
-    assert counted["outside"].tolist() == [[0.0] * STEPS]
-    late = _pairs(plan(1.0, positions, runner(clock(1.0) - DT)), made, {"runner": walker})
-    assert late["outside"].tolist() == [[1.0] * STEPS]
 
 
 def test_a_robot_and_the_others_are_sampled_at_the_same_instants() -> None:

@@ -12,7 +12,7 @@ from wideberth.experiments.drawing.episodes_3d import draw_flight, ellipsoid, ex
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies.flight import Flight, volume_ratio
+from wideberth.experiments.studies.planner_parts import PlannerParts, area_ratio
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.rollout import sweep
@@ -52,13 +52,13 @@ PLANE = {
 """Predictors that leave space to their fallback, and say so."""
 
 
-def shipped(*overrides: str) -> Flight:
+def shipped(*overrides: str) -> PlannerParts:
     experiment = read_experiment("flight", list(overrides))[0]
-    assert isinstance(experiment, Flight)
+    assert isinstance(experiment, PlannerParts)
     return experiment
 
 
-def flown(flight: Flight, **parts: object) -> Episode:
+def flown(flight: PlannerParts, **parts: object) -> Episode:
     """Play the short scenario under the shipped planner with some parts exchanged."""
     planner = flight.planner
     assert isinstance(planner, Planner)
@@ -69,12 +69,12 @@ def flown(flight: Flight, **parts: object) -> Episode:
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> PlannerParts:
     return shipped()
 
 
 @pytest.fixture(scope="module")
-def episode(flight: Flight) -> Episode:
+def episode(flight: PlannerParts) -> Episode:
     return flown(flight, solver=Riccati())
 
 
@@ -171,8 +171,7 @@ def test_passers_meet_their_robot_and_leave_the_starts_alone() -> None:
     [
         (lambda: Crossing3D(passers=-1), "passers"),
         (lambda: Holonomic3D(max_acceleration=0.0), "holonomic_3d.max_acceleration"),
-        (lambda: shipped("robot.type=holonomic"), "2 dimensions"),
-        (lambda: shipped("regions={}"), "at least one"),
+        (lambda: shipped("regions={}", "predictors={}"), "at least one"),
         (lambda: shipped("show=[10]"), r"show is \[10\]"),
     ],
 )
@@ -231,7 +230,7 @@ def test_episode_is_logged_and_summed_up_in_space(episode: Episode) -> None:
         assert line["deviation"] == pytest.approx(aside.max(), abs=1e-9)
 
 
-def test_planner_is_warm_before_its_first_decision(flight: Flight) -> None:
+def test_planner_is_warm_before_its_first_decision(flight: PlannerParts) -> None:
     """The rehearsal in `set_path` went as far as a compiled problem with an obstacle."""
     planner = replace(flight.planner)  # type: ignore[type-var]
     assert isinstance(planner, Planner)
@@ -240,7 +239,7 @@ def test_planner_is_warm_before_its_first_decision(flight: Flight) -> None:
 
 
 @pytest.mark.parametrize("name", names("predictors"))
-def test_every_predictor_flies(name: str, flight: Flight) -> None:
+def test_every_predictor_flies(name: str, flight: PlannerParts) -> None:
     predictor = load("predictors", name)(**PREDICTORS.get(name, {}))
     played = flown(flight, predictor=predictor, solver=Riccati())  # at a third of the time
     row = summarise(played)
@@ -257,7 +256,7 @@ def test_every_predictor_flies(name: str, flight: Flight) -> None:
 
 
 @pytest.mark.parametrize("name", REGIONS)
-def test_every_region_flies(name: str, flight: Flight) -> None:
+def test_every_region_flies(name: str, flight: PlannerParts) -> None:
     """With the VAR's covariances, which are not round."""
     region, predictor = load("regions", name)(), load("predictors", "var")()
     played = flown(flight, region=region, predictor=predictor, horizon=STEPS.get(name, 10))
@@ -266,11 +265,13 @@ def test_every_region_flies(name: str, flight: Flight) -> None:
     assert name in UNSAFE or row["clearance"] > 0.0
 
 
-def test_all_sums_are_one_ball_under_round_covariances(episode: Episode, flight: Flight) -> None:
-    assert volume_ratio(episode, MahalanobisEllipse(), 0.05, 0.1) == pytest.approx(1.0, abs=1e-6)
+def test_all_sums_are_one_ball_under_round_covariances(
+    episode: Episode, flight: PlannerParts
+) -> None:
+    assert area_ratio(episode, MahalanobisEllipse(), 0.05, 0.1) == pytest.approx(1.0, abs=1e-6)
     other = flown(flight, predictor=load("predictors", "var")(), solver=Riccati())
-    assert volume_ratio(other, MahalanobisEllipse(), 0.05, 0.1) < 0.98  # inside the sum
-    assert volume_ratio(other, MinimumArea(), 0.05, 0.1) > 1.0  # around it
+    assert area_ratio(other, MahalanobisEllipse(), 0.05, 0.1) < 0.98  # inside the sum
+    assert area_ratio(other, MinimumArea(), 0.05, 0.1) > 1.0  # around it
 
 
 def test_ellipsoid_and_expectation(episode: Episode) -> None:
@@ -301,14 +302,15 @@ def test_flat_episodes_are_refused(episode: Episode) -> None:
 
 def test_quick_run_keeps_apart_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crossing_3d, "REACH", (3.0, 3.0))  # short ways, so that it is quick
-    experiment = shipped("scenario.passers=2", "planner.horizon=10")
+    experiment = shipped("scenarios.flight.passers=2", "planner.horizon=10")
     result = run(experiment, tmp_path / "flight", quick=True)
     rows = result.rows
-    assert [row["region"] for row in rows] == ["exact_sum", "paper_ellipsoid"]
+    assert [row["region"] for row in rows] == 2 * ["exact_sum", "paper_ellipsoid"]
     assert not any(row["collision"] or row["deadlock"] for row in rows)
-    exact, paper = experiment.quick().summary(rows)
-    assert exact["volume_ratio"] == 1.0 > paper["volume_ratio"]
+    ball, same, exact, paper = experiment.quick().summary(rows)
+    assert ball["area_ratio"] == 1.0 and same["area_ratio"] == pytest.approx(1.0, abs=1e-6)
+    assert exact["area_ratio"] == 1.0 > paper["area_ratio"]
     files = draw(result.folder)
-    wanted = {"comparison", "flight_var"}
-    assert {file.stem for file in files} == wanted and len(files) == 4
+    wanted = {"planner_parts", "flight_kalman", "flight_var"}
+    assert {file.stem for file in files} == wanted and len(files) == 6
     assert all(file.stat().st_size > 1000 for file in files)

@@ -314,7 +314,7 @@ def test_nothing_of_the_working_folder_is_imported_for_the_name_of_a_library(
     (packed / "METADATA").write_text("Metadata-Version: 2.1\nName: trap\nVersion: 1.0\n")
     entry = "[wideberth.regions]\nthe_trap = trap_of_a_file:Box\n"
     (packed / "entry_points.txt").write_text(entry)
-    for library in ("bottleneck", "numexpr", "trajdata"):
+    for library in ("bottleneck", "numexpr"):
         (tmp_path / f"{library}.py").write_text("import trap_of_a_file")
     episode(tmp_path / "e.npz", {"type": "the_trap"})
     shutil.copytree(SAVED / "result", tmp_path / "sent")

@@ -7,12 +7,13 @@ from typing import final
 
 import numpy as np
 
-from wideberth.experiments.studies.stopwatch import WatchedController
 from wideberth.framework import (
     Command,
     Controller,
     Detection,
     Observation,
+    Path,
+    Plan,
     Polygon,
     Predictor,
 )
@@ -133,7 +134,7 @@ def in_sight(seen: Observation, here: Array, view: CostmapView) -> tuple[Detecti
 
 @final
 @dataclass(eq=False)
-class Watched(WatchedController):
+class Watched(Controller):
     """Does what another controller does; notes the processor time and, if asked, what it saw.
 
     Parameters
@@ -148,8 +149,24 @@ class Watched(WatchedController):
     looks: list[CostmapLook] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        self.watched: Controller = self.controller
         self.period: float = self.controller.period
+
+    def reset(self) -> None:
+        """As the controller; what was noted stays."""
+        self.controller.reset()
+
+    def set_path(self, path: Path) -> None:
+        """As the controller, which compiles and warms up here."""
+        self.controller.set_path(path)
+
+    def remember(self, observation: Observation) -> None:
+        """As the controller."""
+        self.controller.remember(observation)
+
+    @property
+    def last_plan(self) -> Plan | None:
+        """The controller's."""
+        return self.controller.last_plan
 
     def command(self, observation: Observation) -> Command:
         """As the controller; its processor time is noted."""
