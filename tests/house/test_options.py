@@ -195,8 +195,8 @@ def test_pages_set_in_blocks_commands_and_words() -> None:
     assert page("```python\nBicycle(wheelbase=0.4)\n```\n") == {"Bicycle.wheelbase"}
     assert page("Use `{type: bicycle, wheelbase: 0.4}`.") == {"Bicycle.wheelbase"}
     assert page("wideberth run flight --set scenario.passers=8") == {"Crossing3D.passers"}
-    assert page("`kalman` with `backend: filterpy`") == {"Kalman.backend"}
-    assert page("`backend: filterpy`, whose ever") == set()
+    assert page("`var` with `order: 3`") == {"VectorAutoregression.order"}
+    assert page("`order: 3`, whose ever") == set()
     assert page("Only one has `wheelbase: 0.4`") == {"Bicycle.wheelbase"}
 
 
