@@ -7,7 +7,6 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from wideberth.framework.plugins.rvo2 import rvo2
 from wideberth.framework.values.arrays import Array, BoolArray
 from wideberth.simulation.crowds.base import STEP, Crowd
 from wideberth.simulation.crowds.hall import Hall, Layout, PeopleDraws, nearest
@@ -253,10 +252,10 @@ def orca_velocity(
     lines: Array,
 ) -> Array:
     """Return the next velocity by ORCA, (2,), m/s; segments are obstacles of two vertices."""
+    import pyrvo
+
     horizons = TIME_HORIZON, OBSTACLE_HORIZON
-    world = rvo2("crowdsimplus").RVOSimulator(
-        STEP, NEIGHBOUR_DISTANCE, MOST_NEIGHBOURS, *horizons, radius, speed
-    )
+    world = pyrvo.RVOSimulator(STEP, NEIGHBOUR_DISTANCE, MOST_NEIGHBOURS, *horizons, radius, speed)
     for begin, end in lines.tolist():
         world.add_obstacle([tuple(begin), tuple(end)])
     world.process_obstacles()
