@@ -3,9 +3,13 @@
 ``axes`` are semi-axes in m, from large to small; a zero axis is allowed everywhere.
 """
 
+from typing import TypeVar
+
 import numpy as np
 
 from ..values.arrays import Array, BoolArray
+
+Angle = TypeVar("Angle", float, Array)
 
 UNIT_BALL = {2: np.pi, 3: 4.0 / 3.0 * np.pi}
 """Area of the unit disc and volume of the unit ball, by dimension."""
@@ -18,6 +22,11 @@ def plane_turn(angle: float) -> Array:
     """Return the matrix that turns the plane by an angle, rad."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine], [sine, cosine]])
+
+
+def wrapped(angle: Angle) -> Angle:
+    """Return angles brought to [-pi, pi), rad."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def closest_point(points: Array, axes: Array) -> Array:

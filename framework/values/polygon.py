@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from .arrays import FARTHEST, Array, checked, settle, whole
 from .errors import WideberthError
+from .roots import symmetric_root
 
 MOST_CORNERS = 16
 """Vertices of the largest convex part that the MPC has room for."""
@@ -177,16 +178,6 @@ def best_direction(first: Array, second: Array, spread: Array) -> tuple[Array, A
         roots = symmetric_root(spread[wide])
         distance[wide], normal[wide] = _search(first[wide], second[wide], roots, normal[wide])
     return distance, normal
-
-
-def symmetric_root(spread: Array) -> Array:
-    """M^1/2 of positive semi-definite matrices, (..., 2, 2) m^2 -> (..., 2, 2) m.
-
-    sqrt(n^T M n) is |M^1/2 n|, which rounding cannot make the root of a negative number.
-    """
-    squares, vectors = np.linalg.eigh(spread)
-    axes = np.sqrt(np.maximum(squares, 0.0))
-    return np.asarray((vectors * axes[..., None, :]) @ vectors.swapaxes(-1, -2))
 
 
 def _search(first: Array, second: Array, root: Array, hint: Array) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from ...values.arrays import Array, Scalar, probability, whole
 from ...values.coverage import Coverage, Event
 from ...values.errors import WideberthError
 from ...values.motion import Pose
+from ...values.roots import factor
 from ..levels.base import LevelPolicy, Promise, SharedLevel
 from ..ocp.bodies import Body, discs
 from ..ocp.problem import SlotNumbers, Slots
@@ -209,11 +210,9 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
                 away = draws - view.forecast.weight[o] @ view.forecast.mean[o].swapaxes(0, 1)
                 found[:, :, o] = np.einsum("snd,nd->sn", away, normal[:, o])
             if view.own.any():
-                values, vectors = np.linalg.eigh(view.own)
-                root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
                 size = normal.shape[2]
                 noise = self._stream("", view).standard_normal((self.scenarios, size))
-                found += np.einsum("nij,sj,noi->sno", root, noise, normal)
+                found += np.einsum("nij,sj,noi->sno", factor(view.own), noise, normal)
             found = np.nan_to_num(found, copy=False, nan=WIDE)
         return np.asarray(np.minimum(np.maximum(found, -WIDE), WIDE))
 
