@@ -344,7 +344,7 @@ def width_across(points: Array) -> float:
     return float(np.ptp(across, axis=1).min())
 
 
-_FLAT = 1e-10
+FLAT = 1e-10
 """m. A vertex that stands out less from the line between its neighbours is left out."""
 
 Ring = list[int]
@@ -465,7 +465,7 @@ def _heights(points: Array, ring: Ring) -> Array:
 
 
 def _convex(points: Array, ring: Ring) -> bool:
-    return bool((_heights(points, ring) > -_FLAT).all())
+    return bool((_heights(points, ring) > -FLAT).all())
 
 
 def _pruned(points: Array, ring: Ring) -> Ring:
@@ -474,7 +474,7 @@ def _pruned(points: Array, ring: Ring) -> Ring:
     while len(ring) > 3:
         heights = np.abs(_heights(points, ring))
         flattest = int(heights.argmin())
-        if heights[flattest] > _FLAT:
+        if heights[flattest] > FLAT:
             break
         del ring[flattest]
     return ring
