@@ -1,29 +1,21 @@
 """A Kalman filter with a constant-velocity model."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self, final
+from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.predictor import Filtering, Fittable
 from ..framework.values.arrays import Array, positive
-from ..framework.values.beliefs import Beliefs
-from ..framework.values.forecast import Forecast, Scene
-from ..framework.values.tracks import Tracks
-from .core.kalman_filter import ModeStep, Motion, filtered, forecast, started
-from .core.pattern_search import fit_numbers
+from .core.kalman_filter import ModeStep, Motion
+from .core.motion_filter import MotionFilter
+from .core.pattern_search import Powers
 from .core.propagation import white_steps
-
-SCALED = ({"acceleration_density": 1.0, "noise_floor": 0.5},)
-"""What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
-out of the fit were forecast worse, as noise against motion is a matter of each recording."""
 
 
 @final
 @dataclass(frozen=True)
-class Kalman(Filtering, Fittable):
+class Kalman(MotionFilter):
     """A Kalman filter on position and velocity, rolled out over the horizon.
 
     s_{k+1} = F s_k + w,  w ~ N(0, Q);   z_k = p_k + e,  e ~ N(0, R)
@@ -67,28 +59,16 @@ class Kalman(Filtering, Fittable):
     noise_floor: float = 0.01
 
     reference: ClassVar[str] = "labbe2014kalman"
+    _name: ClassVar[str] = "kalman"
+    _scaled: ClassVar[Powers] = {"acceleration_density": 1.0, "noise_floor": 0.5}
 
     def __post_init__(self) -> None:
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"kalman.{name}", getattr(self, name))
 
-    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
-        """Return the state of all obstacles; see `Filtering.filtered`."""
-        return filtered(tracks, before, self._motion, self.noise_floor)
-
-    def ahead(
-        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
-    ) -> Forecast:
-        """Forecast all obstacles; see `Filtering.ahead`."""
-        return forecast(started(beliefs, tracks, self._motion), steps, "kalman")
-
     @cached_property
     def _motion(self) -> "DriftingVelocity":
         return DriftingVelocity(self.acceleration_density, self.speed)
-
-    def fit(self, dataset: Sequence[Tracks]) -> Self:
-        """Return a copy with both numbers scaled by `fit_numbers`; see `Fittable.fit`."""
-        return fit_numbers(self, SCALED, dataset)
 
 
 @dataclass(frozen=True)
