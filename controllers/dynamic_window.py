@@ -6,6 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.control.command_limits import attained
+from ..framework.numerics.geometry import wrapped
 from ..framework.values.arrays import Array, BoolArray, whole
 from ..framework.values.motion import Command, Observation, Twist
 from .arcs import free_way
@@ -197,8 +198,7 @@ class DynamicWindow(Reactive):
         else:
             rate, alpha = window.twists[:, 2], yaw_acceleration(self.robot, state)
             facing = heading + rate * self.period + rate * np.abs(rate) / (2.0 * alpha)
-        error = np.abs(np.mod(np.arctan2(left[:, 1], left[:, 0]) - facing + np.pi, 2 * np.pi))
-        error = np.abs(error - np.pi)
+        error = np.abs(wrapped(np.arctan2(left[:, 1], left[:, 0]) - facing))
         if heading is None:  # who stands faces nowhere
             error = np.where(window.speed > 1e-9, error, np.pi / 2.0)
         return np.asarray(error)

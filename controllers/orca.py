@@ -6,12 +6,14 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.plugins.rvo2 import rvo2
+from ..framework.plugins.extras import from_extra
 from ..framework.values.arrays import Array, whole
 from ..framework.values.motion import Command, Observation
 from ..people.models import Reciprocal
 from .reactive import Reactive
 from .steering import steer, top_speed, velocity_of
+
+_NEEDS = ("pyrvo", "arenas", "orca needs the library pyrvo")
 
 
 @final
@@ -70,7 +72,7 @@ class Orca(Reactive):
 
     def __post_init__(self) -> None:
         whole("orca.most_neighbours", self.most_neighbours)
-        rvo2("orca")
+        from_extra(*_NEEDS)
         super().__post_init__()
 
     def decide(self, observation: Observation, place: Array) -> Command:
@@ -91,7 +93,7 @@ class Orca(Reactive):
         """Ask the library, (2,), m/s."""
         _, places, velocities, radii = self._neighbours.now()
         horizons = self.time_horizon, self.obstacle_horizon
-        world = rvo2("orca").RVOSimulator(
+        world = from_extra(*_NEEDS).RVOSimulator(
             self.period, self.neighbour_distance, self.most_neighbours, *horizons, 0.0, self._limit
         )
         sight = self.neighbour_distance, self.most_neighbours, *horizons

@@ -6,11 +6,12 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.control.command_limits import attained, turns_on_the_spot
+from ..framework.numerics.geometry import wrapped
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Observation, Twist
 from .arcs import free_way
 from .reactive import Reactive
-from .steering import SLOWING, limited, steer, wrapped, yaw_rate
+from .steering import SLOWING, limited, steer, yaw_rate
 
 STOP_HORIZON = 1.0
 """s of driving for which the arc must be free."""

@@ -6,6 +6,7 @@ from ..framework.control.command_limits import CRAWL as CRAWL
 from ..framework.control.command_limits import FAST as FAST
 from ..framework.control.command_limits import attained, turns_on_the_spot
 from ..framework.control.command_limits import top_speed as top_speed
+from ..framework.numerics.geometry import wrapped
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Twist
@@ -103,11 +104,6 @@ def yaw_acceleration(robot: Robot, state: Array) -> float:
     turning = Twist(now.linear, -np.copysign(FAST, now.angular))
     after = attained(robot, state, [turning], soon)[0, 2]
     return float(abs(after - now.angular) / soon)
-
-
-def wrapped(angle: float) -> float:
-    """Return the same angle in [-pi, pi)."""
-    return float(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 class PathGuide:

@@ -7,6 +7,7 @@ from ..framework.values.arrays import Array
 from ..framework.values.footprint import Discs, Footprint, Outline
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
+from ..framework.values.roots import factor
 
 COUNT = 64
 """Points of an outline; a multiple of 8, so that the corners of a square are among them."""
@@ -31,18 +32,14 @@ def sphere(count: int) -> Array:
 
 def ellipses(mean: Array, covariance: Array, square: float, count: int = COUNT) -> Array:
     """Outlines of (x - mu)^T Sigma^-1 (x - mu) <= square, (K, count, 2), m."""
-    return np.asarray(mean[:, None] + np.swapaxes(_root(covariance, square) @ circle(count), 1, 2))
+    return np.asarray(
+        mean[:, None] + np.swapaxes(factor(square * covariance) @ circle(count), 1, 2)
+    )
 
 
 def ellipsoid(mean: Array, covariance: Array, square: float, count: int = 25) -> Array:
     """Return points of the surface of one such set in space, (count, count, 3), m."""
-    return np.asarray(mean + sphere(count) @ _root(covariance, square).T)
-
-
-def _root(covariance: Array, square: float) -> Array:
-    """Return A with A A^T = square * Sigma, (..., D, D)."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(square * np.clip(values, 0.0, None))[..., None, :])
+    return np.asarray(mean + sphere(count) @ factor(square * covariance).T)
 
 
 def body_outlines(

@@ -7,6 +7,7 @@ the step, so that only values of one step are compared.
 
 import numpy as np
 
+from ..framework.numerics.geometry import wrapped
 from ..framework.values.arrays import Array, BoolArray
 
 SAMPLE = 0.1
@@ -65,8 +66,7 @@ def effort(positions: Array, yaw_rates: Array, step: float) -> float:
 
 def heading_change(headings: Array) -> float:
     """Cumulative change of heading, the sum of |h_{k+1} - h_k| taken into [-pi, pi], rad."""
-    turned = np.diff(headings)
-    return float(np.sum(np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)))
+    return float(np.sum(np.abs(wrapped(np.diff(headings)))))
 
 
 def course_change(positions: Array, least: float = 1e-3) -> float:

@@ -10,6 +10,7 @@ from typing import TypeVar, final
 
 import numpy as np
 
+from ..framework.numerics.eigenframe import eigen_axes
 from ..framework.numerics.geometry import sum_gauge
 from ..framework.region import Region, Signed
 from ..framework.risk.collision_probability import collision_probability
@@ -182,13 +183,10 @@ def start(region: Region, obstacle: GaussianObstacle, margin: float, level: floa
     tail = region.tail(level, size)
     if not tail > 0.0:
         raise WideberthError(f"level is {level:g}, whose tail is 0 in double precision; lower it")
-    values, vectors = np.linalg.eigh(obstacle.covariance)
-    deviations = np.sqrt(np.clip(values, 0.0, None))[::-1]
+    deviations, vectors = eigen_axes(obstacle.covariance)
     axes = np.sqrt(chdtri(size, min(tail, 1.0))) * deviations
     parameters = region.parameters(obstacle, np.asarray(margin))
-    walk = Walk(
-        region, obstacle, margin, float(level), parameters, vectors[:, ::-1], deviations, axes
-    )
+    walk = Walk(region, obstacle, margin, float(level), parameters, vectors, deviations, axes)
     if not region.contains(obstacle.mean[None], parameters, np.asarray(level)).all():
         raise walk.refuse("is empty or does not hold the mean")
     return walk

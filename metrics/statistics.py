@@ -4,7 +4,6 @@ Episodes of one seed are paired: both controllers met the same situation, and a 
 seed by seed sees differences that shares alone would hide.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -42,15 +41,15 @@ def clopper_pearson(successes: int, trials: int, tail: float = 0.05) -> tuple[fl
     >>> low, round(high, 4)
     (0.0, 0.1684)
     """
-    from scipy.special import betaincinv
+    from statsmodels.stats.proportion import proportion_confint
 
     k, n = whole("successes", successes, least=0), whole("trials", trials, least=0)
-    half = 0.5 * probability("tail", tail)
+    probability("tail", tail)
     if k > n:
         raise WideberthError(f"successes is {k} of {n} trials; wanted no more than the trials")
-    low = float(betaincinv(k, n - k + 1, half)) if k else 0.0
-    # The mirror image, so that a small tail keeps its digits.
-    high = 1.0 - float(betaincinv(n - k, k + 1, half)) if k < n else 1.0
+    if not n:
+        return 0.0, 1.0
+    low, high = map(float, proportion_confint(k, n, alpha=tail, method="beta"))
     return low, high
 
 
@@ -77,17 +76,14 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     >>> mcnemar([1, 1, 1, 1, 1, 0], [0, 0, 0, 0, 0, 0])
     0.0625
     """
+    from statsmodels.stats.contingency_tables import mcnemar as exact
+
     one = checked("first", np.asarray(first, dtype=np.float64), (None,))
     two = checked("second", np.asarray(second, dtype=np.float64), (len(one),))
     if not np.isin(np.concatenate([one, two]), (0.0, 1.0)).all():
         raise WideberthError("first and second must hold successes: true or false in every pair")
-    only_first, only_second = int(np.sum(one > two)), int(np.sum(two > one))
-    differing = only_first + only_second
-    if not differing:
-        return 1.0
-    rarer = range(min(only_first, only_second) + 1)
-    ways = sum(math.comb(differing, count) for count in rarer)
-    return min(1.0, float(ways / 2 ** (differing - 1)))
+    differing = [[0, int(np.sum(one > two))], [int(np.sum(two > one)), 0]]
+    return float(exact(differing, exact=True).pvalue)
 
 
 def signed_rank(differences: Array) -> float:
@@ -157,19 +153,19 @@ def bootstrap_interval(
     ------
     WideberthError : values that are not finite, a tail outside (0, 1).
     """
+    from scipy.stats import bootstrap
+
     known = checked("values", np.asarray(values, dtype=np.float64), (None,))
-    half = 0.5 * probability("tail", tail)
+    probability("tail", tail)
     whole("resamples", resamples)
-    if not len(known):
-        return float("nan"), float("nan")
-    drawn = np.concatenate(
-        [
-            statistic(known[rng.integers(len(known), size=(len(part), len(known)))])
-            for part in np.array_split(np.arange(resamples), max(1, resamples // 500))
-        ]
-    )
-    low, high = np.quantile(drawn, (half, 1.0 - half))
-    return float(low), float(high)
+    if len(known) < 2:
+        alone = float(statistic(known)) if len(known) else float("nan")
+        return alone, alone
+    found = bootstrap(
+        (known,), lambda drawn, axis: statistic(drawn), n_resamples=resamples, batch=500,
+        vectorized=True, confidence_level=1.0 - tail, method="percentile", rng=rng,
+    ).confidence_interval  # fmt: skip
+    return float(found.low), float(found.high)
 
 
 def ratio(part: Any, whole_of: Any) -> Any:

@@ -157,7 +157,11 @@ def shortened(velocity: Array, fastest: Array) -> Array:
 
 
 def circular_force(
-    apart: Array, room: Array, strength: float, reach: float, seen: BoolArray | None = None
+    apart: Array,
+    room: Array,
+    strength: float | Array,
+    reach: float | Array,
+    seen: BoolArray | None = None,
 ) -> Array:
     """Sum of circular forces, sum_j A exp((room_j - d_j) / B) n_j, (..., 2), m/s^2.
 
@@ -166,7 +170,7 @@ def circular_force(
     apart : (..., Q, 2), m, from each neighbour to the walker; d_j is its length, n_j its
         direction.
     room : (..., Q), m, distance at which a force is A.
-    strength, reach : A, m/s^2, and B, m.
+    strength, reach : A, m/s^2, and B, m, of all or of each, (Q,).
     seen : (..., Q), which neighbours count; all by default.
     """
     distance = np.hypot(apart[..., 0], apart[..., 1])

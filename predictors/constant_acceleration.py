@@ -1,28 +1,20 @@
 """Constant acceleration, filtered, and forgotten after a while (Singer's model)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self, final
+from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.predictor import Filtering, Fittable
 from ..framework.values.arrays import Array, positive
-from ..framework.values.beliefs import Beliefs
-from ..framework.values.forecast import Forecast, Scene
-from ..framework.values.tracks import Tracks
-from .core.kalman_filter import ModeStep, Motion, filtered, forecast, started
-from .core.pattern_search import fit_numbers
-
-SCALED = ({"acceleration": 1.0, "noise_floor": 1.0},)
-"""What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
-out of the fit were forecast worse, as noise against motion is a matter of each recording."""
+from .core.kalman_filter import ModeStep, Motion
+from .core.motion_filter import MotionFilter
+from .core.pattern_search import Powers
 
 
 @final
 @dataclass(frozen=True)
-class ConstantAcceleration(Filtering, Fittable):
+class ConstantAcceleration(MotionFilter):
     """A Kalman filter on position, velocity and an acceleration that decays.
 
     da = -a / tau dt + dw,   E[a^2] = sigma^2 per axis in the long run
@@ -63,24 +55,12 @@ class ConstantAcceleration(Filtering, Fittable):
     noise_floor: float = 0.03
 
     reference: ClassVar[str] = "singer1970estimating"
+    _name: ClassVar[str] = "constant_acceleration"
+    _scaled: ClassVar[Powers] = {"acceleration": 1.0, "noise_floor": 1.0}
 
     def __post_init__(self) -> None:
         for name in ("acceleration", "time_constant", "speed", "noise_floor"):
             positive(f"constant_acceleration.{name}", getattr(self, name))
-
-    def fit(self, dataset: Sequence[Tracks]) -> Self:
-        """Return a copy fitted by `fit_numbers`; see `Fittable.fit`."""
-        return fit_numbers(self, SCALED, dataset)
-
-    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
-        """Return the state of all obstacles; see `Filtering.filtered`."""
-        return filtered(tracks, before, self._motion, self.noise_floor)
-
-    def ahead(
-        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
-    ) -> Forecast:
-        """Forecast all obstacles; see `Filtering.ahead`."""
-        return forecast(started(beliefs, tracks, self._motion), steps, "constant_acceleration")
 
     @cached_property
     def _motion(self) -> "DecayingAcceleration":

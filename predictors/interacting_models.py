@@ -6,32 +6,28 @@ Notation: M models, which the code calls modes, and pi_ij the probability that j
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import ClassVar, Literal, Self, final
+from typing import ClassVar, Literal, final
 
 import numpy as np
 
-from ..framework.predictor import Filtering, Fittable
 from ..framework.values.arrays import Array, checked_choice, positive, probability
 from ..framework.values.beliefs import Beliefs
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .constant_acceleration import singer
-from .core.kalman_filter import ModeStep, Motion, filtered, forecast, started
-from .core.pattern_search import fit_numbers
+from .core.kalman_filter import ModeStep, Motion, forecast, started
+from .core.motion_filter import MotionFilter
+from .core.pattern_search import Powers
 from .core.propagation import white_steps
 
 MODES = ("steady", "manoeuvring", "stopping")
 TRUSTED = 1
 """Measurements up to which a tracker's numbers are taken: a filter begins with them."""
 
-SCALED = ({"steady": 1.0, "manoeuvring": 1.0, "standing": 0.5, "noise_floor": 0.5},)
-"""What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
-out of the fit were forecast worse, as noise against motion is a matter of each recording."""
-
 
 @final
 @dataclass(frozen=True)
-class InteractingModels(Filtering, Fittable):
+class InteractingModels(MotionFilter):
     """A bank of three Kalman filters on position and velocity that interact (IMM).
 
     - steady: white acceleration of density ``steady``;
@@ -98,6 +94,13 @@ class InteractingModels(Filtering, Fittable):
     modes: Literal["merged", "kept"] = "merged"
 
     reference: ClassVar[str] = "blom1988interacting"
+    _name: ClassVar[str] = "imm"
+    _scaled: ClassVar[Powers] = {
+        "steady": 1.0,
+        "manoeuvring": 1.0,
+        "standing": 0.5,
+        "noise_floor": 0.5,
+    }
 
     def __post_init__(self) -> None:
         numbers = ("steady", "manoeuvring", "standing", "braking", "dwell", "speed", "noise_floor")
@@ -105,14 +108,6 @@ class InteractingModels(Filtering, Fittable):
             positive(f"imm.{name}", getattr(self, name))
         probability("imm.stopping", self.stopping)
         checked_choice("imm.modes", self.modes, Literal["merged", "kept"])
-
-    def fit(self, dataset: Sequence[Tracks]) -> Self:
-        """Return a copy fitted by `fit_numbers`; see `Fittable.fit`."""
-        return fit_numbers(self, SCALED, dataset)
-
-    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
-        """Return the state under each model, as in `MODES`; see `Filtering.filtered`."""
-        return filtered(tracks, before, self._motion, self.noise_floor)
 
     def ahead(
         self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None

@@ -1,30 +1,21 @@
 """A Kalman filter with a constant-velocity model."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal, Self, final
+from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.predictor import Filtering, Fittable
-from ..framework.values.arrays import Array, checked_choice, positive
-from ..framework.values.beliefs import Beliefs
-from ..framework.values.forecast import Forecast, Scene
-from ..framework.values.tracks import Tracks
-from .core.history import floored
-from .core.kalman_filter import PAUSE, ModeStep, Motion, filtered, forecast, started
-from .core.pattern_search import fit_numbers
+from ..framework.values.arrays import Array, positive
+from .core.kalman_filter import ModeStep, Motion
+from .core.motion_filter import MotionFilter
+from .core.pattern_search import Powers
 from .core.propagation import white_steps
-
-SCALED = ({"acceleration_density": 1.0, "noise_floor": 0.5},)
-"""What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
-out of the fit were forecast worse, as noise against motion is a matter of each recording."""
 
 
 @final
 @dataclass(frozen=True)
-class Kalman(Filtering, Fittable):
+class Kalman(MotionFilter):
     """A Kalman filter on position and velocity, rolled out over the horizon.
 
         s_{k+1} = F s_k + w,  w ~ N(0, Q);   z_k = p_k + e,  e ~ N(0, R)
@@ -53,13 +44,10 @@ class Kalman(Filtering, Fittable):
         1e-4.
     speed : m/s per axis, standard deviation of the first velocity.
     noise_floor : m, standard deviation that the measurement noise has in addition.
-    backend : "batched" filters all obstacles at once with NumPy; "filterpy" one after the
-        other with the library, for reference: the same to rounding, and slow, as it begins
-        with the first measurement every time.
 
     Raises
     ------
-    WideberthError : a number that is not positive, or an unknown backend.
+    WideberthError : a number that is not positive.
 
     References
     ----------
@@ -69,34 +57,18 @@ class Kalman(Filtering, Fittable):
     acceleration_density: float = 0.02
     speed: float = 1.0
     noise_floor: float = 0.01
-    backend: Literal["batched", "filterpy"] = "batched"
 
     reference: ClassVar[str] = "labbe2014kalman"
+    _name: ClassVar[str] = "kalman"
+    _scaled: ClassVar[Powers] = {"acceleration_density": 1.0, "noise_floor": 0.5}
 
     def __post_init__(self) -> None:
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"kalman.{name}", getattr(self, name))
-        checked_choice("kalman.backend", self.backend, Literal["batched", "filterpy"])
-
-    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
-        """Return the state of all obstacles; see `Filtering.filtered`."""
-        if self.backend == "filterpy":
-            return filter_one_by_one(tracks, self._motion, self.noise_floor)
-        return filtered(tracks, before, self._motion, self.noise_floor)
-
-    def ahead(
-        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
-    ) -> Forecast:
-        """Forecast all obstacles; see `Filtering.ahead`."""
-        return forecast(started(beliefs, tracks, self._motion), steps, "kalman")
 
     @cached_property
     def _motion(self) -> "DriftingVelocity":
         return DriftingVelocity(self.acceleration_density, self.speed)
-
-    def fit(self, dataset: Sequence[Tracks]) -> Self:
-        """Return a copy with both numbers scaled by `fit_numbers`; see `Fittable.fit`."""
-        return fit_numbers(self, SCALED, dataset)
 
 
 @dataclass(frozen=True)
@@ -120,37 +92,3 @@ class DriftingVelocity(Motion):
         """See `Motion.step`."""
         transition, process = white_steps(times, self.density)
         return ModeStep(transition[:, :, None], process[:, :, None], np.ones((1, 1, len(times))))
-
-
-def filter_one_by_one(tracks: Tracks, motion: Motion, floor: float) -> Beliefs:
-    """Compute `filtered` of a motion of one mode with filterpy, one obstacle after the other."""
-    from filterpy.kalman import KalmanFilter
-
-    size, components = tracks.dimension, len(motion.start) + 1
-    body, sightings = (components, size), tracks.measured
-    state = np.zeros((*body, 1, len(tracks)))
-    covariance = np.zeros((*body, *body, 1, len(tracks)))
-    origin, count = np.zeros((size, len(tracks))), np.zeros(len(tracks), dtype=np.int64)
-    for i in range(len(tracks)):
-        times, places, noise = sightings.times[i], sightings.positions[i], sightings.noise[i]
-        pauses = np.flatnonzero(np.diff(times) > PAUSE * tracks.dt)
-        first = int(pauses[-1]) + 1 if pauses.size else 0
-        count[i] = len(times) - first
-        if not count[i]:
-            continue
-        origin[:, i] = places[first]
-        engine = KalmanFilter(dim_x=components * size, dim_z=size)
-        engine.H, engine.x = np.eye(size, components * size), np.zeros(components * size)
-        engine.P = np.diag(np.repeat([0.0, *motion.start], size))
-        engine.P[:size, :size] = floored(noise[first], floor)
-        for k in range(first + 1, len(times)):
-            step = motion.step(times[k : k + 1] - times[k - 1])
-            engine.F, engine.Q = (
-                np.kron(part[:, :, 0, 0], np.eye(size)).astype(np.float64) for part in step[:2]
-            )
-            engine.predict()
-            engine.update(places[k] - places[first], R=floored(noise[k], floor))
-        state[..., 0, i] = engine.x.reshape(body)
-        covariance[..., 0, i] = (0.5 * (engine.P + engine.P.T)).reshape(*body, *body)
-    values = np.ones((1, len(tracks))), state, covariance, origin
-    return Beliefs(sightings.log, sightings.newest, count, values)

@@ -38,7 +38,7 @@ STANDING_SPEED = 0.05
 SPREAD = (0.0, 0.1, 0.02)
 """Unfitted spread of each mode: diffusion of the position (m^2/s), deviation of the velocity
 (m/s per axis), density of white acceleration (m^2/s^3)."""
-_NEEDS = ("jax", "learning", "to fit mixture_density needs JAX")
+_NEEDS = ("optax", "learning", "to fit mixture_density needs JAX and Optax")
 
 
 @final

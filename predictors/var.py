@@ -1,5 +1,6 @@
 """The paper's predictor: a vector autoregression on each obstacle's velocities."""
 
+import importlib
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias, final
 
@@ -144,8 +145,8 @@ class VectorAutoregression(Predictor):
     noise_floor : m, added in quadrature to the measurement noise; with 0, and tracks without
         noise, "paper-literal" has a covariance of zero at its first step.
     fallback : predictor for obstacles that fail.
-    backend : "batched", all obstacles at once, or "statsmodels", one after the other: the
-        reference, equal to it to rounding.
+    backend : what fits, equal to rounding: "batched", all obstacles at once, or "statsmodels",
+        one after the other, as in the paper. The library is imported when the predictor is built.
 
     Raises
     ------
@@ -177,6 +178,9 @@ class VectorAutoregression(Predictor):
         checked_choice("var.covariance", self.covariance, Covariance)
         checked_choice("var.integration", self.integration, Integration)
         checked_choice("var.backend", self.backend, Literal["batched", "statsmodels"])
+        if self.backend == "statsmodels":
+            # It takes seconds, which no decision should.
+            importlib.import_module("statsmodels.tsa.vector_ar.var_model")
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""

@@ -2,7 +2,6 @@
 
 import io
 import logging
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
@@ -68,7 +67,8 @@ def read_map(path: str | Path) -> OccupancyGrid:
     ----------
     path : of the YAML file, with the keys image (relative to the file), resolution (m), origin
         (x, y, yaw; the yaw must be 0), occupied_thresh, free_thresh, and, if need be, mode and
-        negate. The image is PGM (binary or text) or PNG, of 8 or 16 bits.
+        negate. The image is PGM (binary or text) or PNG, of 8 or 16 bits; Pillow reads it, which
+        rounds the pixels of a PGM whose largest value is not 255 to 8 bits, above 255 to 16.
 
     Raises
     ------
@@ -152,71 +152,24 @@ def _share(file: Path, config: Mapping[str, Any], key: str) -> float:
 
 def _pixels(image: Path) -> tuple[Array, NDArray[np.bool_]]:
     """Return the shades of an image, (height, width) from 0 to 1, and which pixels are opaque."""
+    from PIL import Image
+
     raw = read_bytes(image, 2 * MOST_PIXELS + 2**10)
-    if raw[:2] in (b"P2", b"P5"):
-        shade = _pgm(image, raw)
-        return shade, np.ones(shade.shape, dtype=np.bool_)
-    if raw[:8] == b"\x89PNG\r\n\x1a\n":
-        return _png(image, raw)
-    raise WideberthError(f"{image} is neither PGM (P2 or P5) nor PNG; convert it to one of them")
-
-
-def _size(image: Path, width: int, height: int) -> None:
-    """Refuse images that are empty or too large."""
-    if width < 1 or height < 1 or width * height > MOST_PIXELS:
+    if not raw.startswith((b"P2", b"P5", b"\x89PNG\r\n\x1a\n")):
         raise WideberthError(
-            f"{image} is {width} x {height} pixels; wanted at least one and at most {MOST_PIXELS}"
+            f"{image} is neither PGM (P2 or P5) nor PNG; convert it to one of them"
         )
-
-
-_HEADER = re.compile(rb"(P[25])" + 3 * rb"(?:\s|#[^\n]*\n)+(\d{1,9})" + rb"\s")
-"""Of a PGM: its kind, width, height and largest value."""
-
-
-def _pgm(image: Path, raw: bytes) -> Array:
-    """Return the shades of a PGM image."""
-    header = _HEADER.match(raw)
-    if header is None:
-        raise WideberthError(f"{image}: a PGM begins with its width, height and largest value")
-    width, height, largest = (int(word) for word in header.groups()[1:])
-    _size(image, width, height)
-    if not 0 < largest < 2**16:
-        raise WideberthError(f"{image}: its largest value is {largest}; wanted 1 to 65535")
-    body, pixel = raw[header.end() :], 1 if largest < 256 else 2
-    if header[1] == b"P2":
-        words = re.sub(rb"#[^\n]*", b"", body).split()[: width * height]
-        wrong = next((word for word in words if not word.isdigit() or len(word) > 9), None)
-        if wrong is not None:
-            raise WideberthError(f"{image}: a pixel is {short(wrong)}; wanted whole numbers")
-        values = np.array(words, dtype=np.int64)
-    else:
-        count = min(len(body) // pixel, width * height)  # more than the pixels may stand there
-        values = np.frombuffer(body, np.dtype(f">u{pixel}"), count).astype(np.int64)
-    if values.size < width * height:
-        raise WideberthError(
-            f"{image}: its header says {width} x {height} = {width * height} pixels, and "
-            f"{values.size} follow; write the image anew"
-        )
-    if values.max() > largest:
-        raise WideberthError(
-            f"{image}: a pixel is {values.max()}, above the largest value {largest} of its header"
-        )
-    return np.asarray(values.reshape(height, width) / largest)
-
-
-def _png(image: Path, raw: bytes) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the shades of a PNG image, and which of its pixels are opaque."""
-    from matplotlib.image import imread
-
-    _size(image, *(int.from_bytes(raw[place : place + 4]) for place in (16, 20)))
     try:
-        found = np.asarray(imread(io.BytesIO(raw), format="png"), dtype=np.float64)
+        with Image.open(io.BytesIO(raw), formats=("PPM", "PNG")) as read:
+            if read.width * read.height > MOST_PIXELS:
+                raise ValueError(f"{read.width} x {read.height} pixels, at most {MOST_PIXELS}")
+            grey = read.mode == "L" or read.mode.startswith("I")  # I has 16 bits
+            largest = 65535.0 if read.mode.startswith("I") else 255.0
+            values = np.asarray(read if grey else read.convert("RGBA"), dtype=np.float64)
     except Exception as error:  # decoders raise what they like
         raise WideberthError(
-            f"{image}: this PNG cannot be read ({error}); write the image anew"
+            f"{image} cannot be read as an image ({error}); write the image anew"
         ) from None
-    found = np.rint(found * 65535.0) / 65535.0  # the library gives float32
-    if found.ndim == 2:
-        return found, np.ones(found.shape, dtype=np.bool_)
-    opaque = found[..., 3] >= 1.0 if found.shape[2] == 4 else np.ones(found.shape[:2], np.bool_)
-    return found[..., :3].mean(axis=2), opaque
+    if grey:
+        return values / largest, np.ones(values.shape, dtype=np.bool_)
+    return values[..., :3].mean(axis=2) / largest, values[..., 3] == largest

@@ -40,6 +40,7 @@ from ...framework.values.arrays import Array, Scalar, probability, whole
 from ...framework.values.coverage import Coverage, Event
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Pose
+from ...framework.values.roots import factor
 from .scenario_risk import largest_support, risk_of_support, scenarios_wanted
 
 HALF = 0.5
@@ -215,11 +216,9 @@ class DrawnFutures(LevelledKind, SelectiveKind, SidedKind):
                 away = draws - view.forecast.weight[o] @ view.forecast.mean[o].swapaxes(0, 1)
                 found[:, :, o] = np.einsum("snd,nd->sn", away, normal[:, o])
             if view.own.any():
-                values, vectors = np.linalg.eigh(view.own)
-                root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
                 size = normal.shape[2]
                 noise = self._stream("", view).standard_normal((self.scenarios, size))
-                found += np.einsum("nij,sj,noi->sno", root, noise, normal)
+                found += np.einsum("nij,sj,noi->sno", factor(view.own), noise, normal)
             found = np.nan_to_num(found, copy=False, nan=WIDE)
         return np.asarray(np.minimum(np.maximum(found, -WIDE), WIDE))
 

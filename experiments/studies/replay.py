@@ -1,6 +1,5 @@
 """The robot crosses among recorded people, who do not know of it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self, final

@@ -3,15 +3,24 @@
 ``axes`` are semi-axes in m, from large to small; a zero axis is allowed everywhere.
 """
 
+from typing import TypeVar
+
 import numpy as np
 
 from ..values.arrays import Array
+
+Angle = TypeVar("Angle", float, Array)
 
 
 def plane_turn(angle: float) -> Array:
     """Return the matrix that turns the plane by an angle, rad."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine], [sine, cosine]])
+
+
+def wrapped(angle: Angle) -> Angle:
+    """Return angles brought to [-pi, pi), rad."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def concave_maximiser(

@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..numerics.eigenframe import eigen_axes
 from ..numerics.geometry import sum_gauge
 from ..region import Region
 from ..values.arrays import Array, BoolArray
@@ -141,8 +142,8 @@ class RegionCase:
 
     @cached_property
     def _principal(self) -> tuple[Array, Array]:
-        values, vectors = np.linalg.eigh(self.covariance)
-        return vectors[..., ::-1], np.sqrt(np.clip(values[..., ::-1], 0.0, None))
+        deviations, vectors = eigen_axes(self.covariance)
+        return vectors, deviations
 
     def _levels(self, level: Callable[[float, int], float]) -> Array:
         flat = [level(float(tail), self.size) for tail in self.tail.ravel()]

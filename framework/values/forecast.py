@@ -12,6 +12,7 @@ from .arrays import Array, BoolArray, altered, checked, checked_covariance, posi
 from .errors import WideberthError
 from .motion import Truth
 from .polygon import Polygon
+from .roots import factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,9 +243,9 @@ class Forecast:
     def _spread(self, obstacle: int, mode: int, noise: Array) -> Array:
         steps, size = self.mean.shape[2:]
         if self.joint is not None:
-            whole = noise @ _root(self.joint[obstacle, mode]).T
+            whole = noise @ factor(self.joint[obstacle, mode]).T
             return np.asarray(whole.reshape(-1, steps, size))
-        root = _root(self.covariance[obstacle, mode])
+        root = factor(self.covariance[obstacle, mode])
         return np.asarray(np.einsum("nij,cnj->cni", root, noise.reshape(-1, steps, size)))
 
 
@@ -253,12 +254,6 @@ def _leading(forecast: Forecast, steps: int) -> Array:
     joint, size = forecast.joint, steps * forecast.mean.shape[3]
     assert joint is not None  # it has a source
     return joint[..., :size, :size]
-
-
-def _root(covariance: Array) -> Array:
-    """Return a matrix whose product with its transpose is the covariance; works when singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])
 
 
 def on_grid(forecast: Forecast, times: Array) -> bool:

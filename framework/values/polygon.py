@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from .arrays import FARTHEST, Array, checked, settle, whole
 from .errors import WideberthError
+from .roots import symmetric_root
 
 MOST_CORNERS = 16
 """Vertices of the largest convex part that the MPC has room for."""
@@ -179,16 +180,6 @@ def best_direction(first: Array, second: Array, spread: Array) -> tuple[Array, A
     return distance, normal
 
 
-def symmetric_root(spread: Array) -> Array:
-    """M^1/2 of positive semi-definite matrices, (..., 2, 2) m^2 -> (..., 2, 2) m.
-
-    sqrt(n^T M n) is |M^1/2 n|, which rounding cannot make the root of a negative number.
-    """
-    squares, vectors = np.linalg.eigh(spread)
-    axes = np.sqrt(np.maximum(squares, 0.0))
-    return np.asarray((vectors * axes[..., None, :]) @ vectors.swapaxes(-1, -2))
-
-
 def _search(first: Array, second: Array, root: Array, hint: Array) -> tuple[Array, Array]:
     """`best_direction` for flat batches (B, ...) and the root of M, from a hint (B, 2)."""
     normals = [-edge_normals(first), edge_normals(second), hint[:, None], _ellipse_normals(root)]
@@ -353,7 +344,7 @@ def width_across(points: Array) -> float:
     return float(np.ptp(across, axis=1).min())
 
 
-_FLAT = 1e-10
+FLAT = 1e-10
 """m. A vertex that stands out less from the line between its neighbours is left out."""
 
 Ring = list[int]
@@ -474,7 +465,7 @@ def _heights(points: Array, ring: Ring) -> Array:
 
 
 def _convex(points: Array, ring: Ring) -> bool:
-    return bool((_heights(points, ring) > -_FLAT).all())
+    return bool((_heights(points, ring) > -FLAT).all())
 
 
 def _pruned(points: Array, ring: Ring) -> Ring:
@@ -483,7 +474,7 @@ def _pruned(points: Array, ring: Ring) -> Ring:
     while len(ring) > 3:
         heights = np.abs(_heights(points, ring))
         flattest = int(heights.argmin())
-        if heights[flattest] > _FLAT:
+        if heights[flattest] > FLAT:
             break
         del ring[flattest]
     return ring

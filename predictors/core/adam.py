@@ -1,4 +1,4 @@
-"""Training of a network's layers by Adam, in JAX."""
+"""Training of a network's layers by Adam, in JAX and Optax."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
@@ -30,23 +30,17 @@ def compiled(losses: Callable[..., Any]) -> Program:
     """
     import jax
     import jax.numpy as jnp
+    import optax
 
     slope = jax.grad(lambda *given: losses(*given).mean())
-    one, two = DECAY
+    adam = optax.scale_by_adam(*DECAY)
 
     def update(state: Any, batch: Any) -> tuple[Any, None]:
-        layers, mean, square, count, sizes, total = state
-        count = count + 1
-        step = slope(layers, sizes, *batch)
-        mean = jax.tree.map(lambda m, g: one * m + (1 - one) * g, mean, step)
-        square = jax.tree.map(lambda v, g: two * v + (1 - two) * g**2, square, step)
-        rate = 0.5 * RATE * (1 + jnp.cos(jnp.pi * count / total)) / (1 - one**count)
-
-        def moved(p: Any, m: Any, v: Any) -> Any:
-            return p - rate * m / (jnp.sqrt(v / (1 - two**count)) + 1e-8)
-
-        layers = jax.tree.map(moved, layers, mean, square)
-        return (layers, mean, square, count, sizes, total), None
+        layers, memory, sizes, total = state
+        step, memory = adam.update(slope(layers, sizes, *batch), memory)
+        rate = 0.5 * RATE * (1 + jnp.cos(jnp.pi * memory.count / total))
+        layers = jax.tree.map(lambda p, s: p - rate * s, layers, step)
+        return (layers, memory, sizes, total), None
 
     def round_of(state: Any, *batches: Any) -> Any:
         return jax.lax.scan(update, state, batches)[0]
@@ -75,11 +69,12 @@ def descend(
     rounds : of `UPDATES` updates each.
     """
     import jax
+    import optax
 
     with jax.enable_x64(False):
         round_of, held_losses = program()
-        zero = jax.tree.map(np.zeros_like, layers)
-        state = layers, zero, zero, np.float32(0), sizes, np.float32(rounds * UPDATES)
+        memory = optax.scale_by_adam().init(layers)
+        state = layers, memory, sizes, np.float32(rounds * UPDATES)
         best, kept = np.inf, layers
         for _ in range(rounds):
             drawn = draw(UPDATES * BATCH)

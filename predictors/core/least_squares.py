@@ -2,7 +2,7 @@
 
 Orthogonal and as exact as a QR decomposition of each history, at a hundredth of the cost:
 modified Gram-Schmidt, a column at a time over all obstacles, whose axis is the last one.
-statsmodels stands beside it as the reference.
+statsmodels, which the paper fits with, stands beside it.
 """
 
 import warnings
@@ -158,7 +158,7 @@ def fit_velocities(velocities: Array, began: IntArray, order: int, limit: float)
 
 
 def fit_with_statsmodels(velocities: Array, began: IntArray, order: int) -> Fits:
-    """Fit as `fit_velocities`, one obstacle after the other, by statsmodels: the reference."""
+    """Fit as `fit_velocities`, one obstacle after the other, by statsmodels."""
     freedom = _freedom(velocities, began, order)
     count, _, size = velocities.shape
     regressors = order * size
@@ -179,7 +179,7 @@ def fit_with_statsmodels(velocities: Array, began: IntArray, order: int) -> Fits
 
 def _one_with_statsmodels(velocities: Array, order: int) -> tuple[Array, Array, Array, float]:
     """B (K, D), Sigma_u, W, and the condition of Z."""
-    from statsmodels.tsa.api import VAR
+    from statsmodels.tsa.vector_ar.var_model import VAR
 
     # statsmodels and NumPy warn of what the health gate judges; a warning is no answer.
     with warnings.catch_warnings(), np.errstate(all="ignore"):

@@ -10,6 +10,7 @@ import numpy as np
 from ...framework.tracking.names import FASTEST as RUNNING
 from ...framework.tracking.names import LEAP
 from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.roots import reduced
 from ...people.models import Company, PersonModel, Walkers
 from .history import IntArray
 
@@ -313,19 +314,12 @@ def _moving(
     joint[..., :2, :2] = noise[:, None]
     joint[..., :2, 2:4] = joint[..., 2:4, :2] = noise[:, None] / duration
     joint[..., 2:4, 2:4] = spread
-    coarse = _above(noise, EXACT * duration**2)[:, None] / duration
+    coarse = reduced(noise, EXACT * duration**2)[:, None] / duration
     joint[..., :2, 4:] = joint[..., 4:, :2] = np.where(several[..., None], 0.0, coarse)
     joint[..., 2:4, 4:] = joint[..., 4:, 2:4] = np.where(several[..., None], 0.0, spread)
     joint[..., 4:, 4:] = np.where(several[..., None], wide, spread + PULL**2 * np.eye(2))
     covariance[rows] = joint
     return replace(now, state=state, covariance=covariance, weight=weight, frame=frame)
-
-
-def _above(covariance: Array, least: float) -> Array:
-    """Lower the eigenvalues of covariances (N, 2, 2) by ``least``, down to 0."""
-    values, vectors = np.linalg.eigh(covariance)
-    kept = np.maximum(values - least, 0.0)
-    return np.asarray((vectors * kept[:, None]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _fresh(slots: HypothesisSlots, frame: Array, speed: Array) -> tuple[Array, Array]:

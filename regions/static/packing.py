@@ -10,7 +10,8 @@ from ...framework.numerics.symbolic import ca
 from ...framework.values.arrays import Array, Scalar, checked_covariance, stacked
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Pose
-from ...framework.values.polygon import best_direction, symmetric_root
+from ...framework.values.polygon import best_direction
+from ...framework.values.roots import symmetric_root
 from ..gaussian import FLOOR
 
 _LENGTHS = (0.1, 1.0)

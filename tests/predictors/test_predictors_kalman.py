@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.measurements import Measurements
 from wideberth.framework.values.tracks import Tracks
@@ -24,6 +23,7 @@ from wideberth.predictors.interacting_models import InteractingModels
 from wideberth.predictors.kalman import DriftingVelocity, Kalman
 from wideberth.tests.helpers.filter_steps import updated
 from wideberth.tests.helpers.irregular import irregular_tracks
+from wideberth.tests.oracles.linear_filter import filterpy_states
 
 DT = 0.5
 NAN = np.nan
@@ -43,34 +43,6 @@ def wandering(count, rows, size, *, missing=0.0, seed=0, far=0.0):
 MOTION = DriftingVelocity(density=0.05, speed=1.3)
 
 
-def textbook(tracks, density, speed, floor):
-    """States (position, velocity) and covariances by filterpy, with F and Q of each lag."""
-    from filterpy.kalman import KalmanFilter
-
-    size, states, covariances = tracks.dimension, [], []
-    measured = tracks.measured
-    for times, places, noise in zip(
-        measured.times, measured.positions, measured.noise, strict=True
-    ):
-        engine, before = None, -np.inf
-        for time, place, spread in zip(times, places, noise, strict=True):
-            known = spread + floor**2 * np.eye(size)
-            if time - before > 6.0 * tracks.dt * (1.0 + 1e-6):
-                engine = KalmanFilter(dim_x=2 * size, dim_z=size)
-                engine.H = np.eye(size, 2 * size)
-                engine.x = np.concatenate([place, np.zeros(size)])
-                engine.P = np.diag(np.full(2 * size, speed**2))
-                engine.P[:size, :size] = known
-            else:
-                engine.F, engine.Q = white_acceleration(time - before, density, size)
-                engine.predict()
-                engine.update(place, R=known)
-            before = time
-        states.append(engine.x)
-        covariances.append(engine.P)
-    return np.array(states), np.array(covariances)
-
-
 def compare(beliefs, states, covariances, tolerance=1e-12):
     """Compare beliefs of one mode with states (O, 2D) and covariances (O, 2D, 2D)."""
     _, state, covariance, origin = beliefs.values
@@ -86,7 +58,7 @@ def compare(beliefs, states, covariances, tolerance=1e-12):
 @pytest.mark.parametrize("missing", [0.0, 0.3])
 def test_batched_filter_equals_filterpy(size, missing):
     tracks = wandering(25, 18, size, missing=missing)
-    compare(filtered(tracks, None, MOTION, 0.02), *textbook(tracks, 0.05, 1.3, 0.02))
+    compare(filtered(tracks, None, MOTION, 0.02), *filterpy_states(tracks, 0.05, 1.3, 0.02))
 
 
 @pytest.mark.parametrize("size", [2, 3])
@@ -95,7 +67,7 @@ def test_measurements_at_any_times_are_filtered_as_by_filterpy(size, pauses):
     """With the covariance of each measurement, and begun anew after a pause of 7 steps."""
     tracks = irregular_tracks(20, size, pauses=pauses)
     beliefs = filtered(tracks, None, MOTION, 0.02)
-    compare(beliefs, *textbook(tracks, 0.05, 1.3, 0.02))
+    compare(beliefs, *filterpy_states(tracks, 0.05, 1.3, 0.02))
     counts = np.array([14 - k % 4 for k in range(20)])
     if pauses:
         counts[::3] -= counts[::3] // 2
@@ -190,16 +162,27 @@ def test_noise_has_a_floor():
 
 @pytest.mark.parametrize("size", [2, 3])
 @pytest.mark.parametrize("irregular", [False, True])
-def test_the_backends_forecast_the_same(size, irregular):
+def test_the_forecast_is_that_of_filterpy(size, irregular):
     tracks = wandering(8, 20, size, missing=0.2, far=1e3)
     if irregular:
         tracks = irregular_tracks(8, size, pauses=True, far=1e3, latest=2.0)
     ours = Kalman().predict(tracks, 7)
-    theirs = Kalman(backend="filterpy").predict(tracks, 7)
-    assert ours.fallback == theirs.fallback
-    np.testing.assert_allclose(ours.mean, theirs.mean, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(ours.joint, theirs.joint, rtol=0, atol=1e-12)
+    states, spreads = filterpy_states(tracks, 0.02, 1.0, 0.01)
+    for o, times in enumerate(tracks.measured.times):
+        late = tracks.stamp - times[-1] + tracks.dt * np.arange(1.0, 8.0)
+        ahead = [white_acceleration(lag, 0.02, size) for lag in late]
+        state = np.stack([f @ states[o] for f, _ in ahead])
+        spread = [f @ spreads[o] @ f.T + q for f, q in ahead]
+        np.testing.assert_allclose(ours.mean[o, 0], state[:, :size], rtol=0, atol=1e-11)
+        for h in range(7):
+            for j in range(h, 7):
+                between, _ = white_acceleration(late[j] - late[h], 0.02, size)
+                block = ours.joint[o, 0, j * size : (j + 1) * size, h * size : (h + 1) * size]
+                wanted = (between @ spread[h])[:size, :size]
+                np.testing.assert_allclose(block, wanted, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(
+                ours.covariance[o, 0, h], spread[h][:size, :size], rtol=0, atol=1e-12
+            )
 
 
 def test_who_was_measured_before_the_newest_instant_is_carried_over_the_lag():
@@ -210,18 +193,13 @@ def test_who_was_measured_before_the_newest_instant_is_carried_over_the_lag():
     np.testing.assert_allclose(late.mean, early.mean[:, :, 2:], rtol=1e-12)
     np.testing.assert_allclose(late.covariance, early.covariance[:, :, 2:], rtol=1e-12)
     np.testing.assert_allclose(late.joint, early.joint[:, :, 4:, 4:], rtol=1e-12)
-    states, spreads = textbook(tracks, 0.02, 1.0, 0.01)
+    states, spreads = filterpy_states(tracks, 0.02, 1.0, 0.01)
     part = Kalman().predict(replace(tracks, stamp=tracks.stamp + 0.13), 3)
     for h in range(3):
         f, q = white_acceleration(0.13 + tracks.dt * (h + 1), 0.02, 2)
         np.testing.assert_allclose(part.mean[:, 0, h], (states @ f.T)[:, :2], atol=1e-11)
         spread = (f @ spreads @ f.T + q)[:, :2, :2]
         np.testing.assert_allclose(part.covariance[:, 0, h], spread, atol=1e-11)
-
-
-def test_the_filterpy_backend_keeps_the_laws():
-    """But for those of `fit`, which the other backend keeps, at a hundredth of the time."""
-    check_predictor(Kalman(backend="filterpy"), dimensions=(2,), dataset=())
 
 
 def test_the_joint_covariance_travels_between_processes():
@@ -310,8 +288,6 @@ def test_relatives_are_fitted_too(predictor):
 def test_too_little_to_fit_to_is_said():
     with pytest.raises(WideberthError, match=r"kalman\.fit.* 5 windows .*wanted at least 20"):
         Kalman().fit([drifting(0.1, 0.1, count=5)])
-    with pytest.raises(WideberthError, match=r"kalman\.backend is 'simd'"):
-        Kalman(backend="simd")
 
 
 def test_an_update_is_the_textbooks_gain():

@@ -14,8 +14,9 @@ from wideberth.predictors.constant_acceleration import (
     singer,
 )
 from wideberth.predictors.core.kalman_filter import filtered
-from wideberth.predictors.kalman import Kalman, filter_one_by_one
+from wideberth.predictors.kalman import Kalman
 from wideberth.tests.helpers.irregular import irregular_tracks
+from wideberth.tests.oracles.linear_filter import filter_one_by_one
 
 DT = 0.4
 

@@ -18,8 +18,9 @@ from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.core.straight_stretch import LONGEST_STRETCH, since_jump
 from wideberth.predictors.interacting_models import InteractingModels
-from wideberth.predictors.kalman import DriftingVelocity, Kalman, filter_one_by_one
+from wideberth.predictors.kalman import DriftingVelocity, Kalman
 from wideberth.predictors.turning import TurningPeople
+from wideberth.tests.oracles.linear_filter import filter_one_by_one
 
 DT = 0.2
 NOISE = 0.01

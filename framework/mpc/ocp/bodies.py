@@ -12,7 +12,7 @@ from ...values.footprint import Discs, Outline, Place
 from ...values.motion import Pose
 from ...values.polygon import edge_normals, separation
 
-_MOST = 32
+MOST_LOOKS = 32
 """Looks between two steps: enough for steps of sixteen body widths."""
 
 
@@ -113,7 +113,7 @@ class BodyPath:
         length = np.linalg.norm(np.diff(place, axis=0), axis=1)
         half = _half_width(body)
         cut = half - np.sqrt(np.maximum(half**2 - 0.25 * length**2, 0.25 * half**2))
-        looks = int(np.clip(np.ceil(float(length.max()) / half), 1, _MOST))
+        looks = int(np.clip(np.ceil(float(length.max()) / half), 1, MOST_LOOKS))
         share = np.arange(1, looks + 1) / looks
         return cls(body.at(_between(pose, place, share)).corner_points(), share, cut)
 

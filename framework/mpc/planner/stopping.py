@@ -9,12 +9,12 @@ from ...values.arrays import Array
 from ...values.motion import Twist
 from .rollout import Held, brake, steer_each
 
-_FAST = 10.0
+FAST = 10.0
 """m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
 
 
 def stops(
-    robot: Robot, start: Array, steps: int, dt: float, fastest: float = _FAST
+    robot: Robot, start: Array, steps: int, dt: float, fastest: float = FAST
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield manoeuvres that all end at a stop: name, states (N + 1, n) and inputs (N, m).
 
@@ -48,7 +48,7 @@ def _ways_out(robot: Robot, start: Array, fastest: float) -> list[tuple[str, Twi
     sides = (("left", 1.0), ("right", -1.0))
     if robot.pose(tuple(start)).heading is not None:
         speed = float(now[0])
-        turning = [(f"turning {side}", Twist((0.0, 0.0), sign * _FAST)) for side, sign in sides]
+        turning = [(f"turning {side}", Twist((0.0, 0.0), sign * FAST)) for side, sign in sides]
         swerving = [(f"swerving {side}", Twist((speed, 0.0), sign)) for side, sign in sides]
         straight = [("ahead", Twist((fastest, 0.0))), ("back", Twist((-fastest, 0.0)))]
         return [*turning, *swerving, *straight]

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...values.arrays import Array
+from ...values.roots import reduced
 
 _LEAST = 1e-12
 """m^2, so that nothing is divided by an ellipse without size."""
@@ -57,7 +58,7 @@ class EndOfPlan(NamedTuple):
         """Hold Gaussians of M + 1 steps, (M + 1, O, D) in m and (M + 1, O, D, D) in m^2."""
         joined = covariance[0]
         for one in covariance[1:]:
-            joined = joined + positive_part(one - joined)
+            joined = joined + reduced(one - joined)
         middle = 0.5 * (mean[0] + mean[-1])
         apart = mean - middle
         squares = apart[..., :, None] * apart[..., None, :]
@@ -78,9 +79,3 @@ class EndOfPlan(NamedTuple):
         first, second = traces
         t = np.sqrt(first / second)[:, None, None]
         return self.middle, (1.0 + 1.0 / t) * self.covariance + (1.0 + t) * way
-
-
-def positive_part(matrix: Array) -> Array:
-    """Return a symmetric matrix without its negative eigenvalues, (..., D, D)."""
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT)

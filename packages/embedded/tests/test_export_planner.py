@@ -1,6 +1,7 @@
 """The exported planner commands what Python's does, and says what it lacks."""
 
 import ctypes
+import re
 import shutil
 import subprocess
 from collections import Counter
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import wideberth_embedded
 from wideberth.experiments.cli.export import export
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.numerics.geometry import plane_turn
@@ -36,7 +38,9 @@ from wideberth.packages.embedded.tests.helpers.planner_library import (
     library,
     planner,
 )
+from wideberth.predictors.core.history import LONGEST_GAP, ROUNDING
 from wideberth.predictors.core.propagation import white_acceleration
+from wideberth.regions.static import packing
 from wideberth_embedded.files import RUNGS, bundle
 from wideberth_embedded.supported import SUPPORTED
 from wideberth_embedded.whole import whole_planner
@@ -44,6 +48,7 @@ from wideberth_embedded.whole import whole_planner
 needs_compiler = pytest.mark.skipif(
     COMPILER is None, reason="the planner is compiled and run, and there is no C compiler here"
 )
+C = Path(wideberth_embedded.__file__).with_name("c")
 CPP = shutil.which("c++")
 CLOSE = 1e-9
 """m/s, rad/s and s."""
@@ -256,6 +261,21 @@ def test_another_constant_is_noticed(cases: dict[str, Case], tmp_path: Path) -> 
     found = [one for drive in case.drives for one in changed.replayed(drive)]
     commands = np.array([[*one.linear, one.omega, one.ramp] for one in found])
     assert differences(case.drives, commands).max() > 1e-4
+
+
+def test_numbers_that_c_writes_itself_are_python_s() -> None:
+    """All others come from `planner_constants`, which reads them where Python has them."""
+    code = "".join(path.read_text("utf-8") for path in sorted(C.glob("planner_*")))
+    found = {name: float(value) for name, value in re.findall(r"#define (\w+) (-?\d\S*)", code)}
+    assert found == {
+        "GIVEN_UP": 100,  # none of Python's
+        "PI": np.pi,
+        "FORGIVEN": 1e-9,  # of `arrays.checked_covariance`
+        "LONGEST_LAG": LONGEST_GAP + 1,
+        "ROUNDING": ROUNDING,
+        "LEAST_LENGTH": packing._LENGTHS[0],
+        "MOST_LENGTH": packing._LENGTHS[1],
+    }
 
 
 # ---- Forecasts are those of a Kalman filter

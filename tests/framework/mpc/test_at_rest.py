@@ -24,7 +24,7 @@ from wideberth.framework.mpc.planner.cycle import (
 from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.mpc.planner.verify import entered
-from wideberth.framework.mpc.slots.at_rest import EndOfPlan, positive_part
+from wideberth.framework.mpc.slots.at_rest import EndOfPlan
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
@@ -39,6 +39,7 @@ from wideberth.framework.values.forecast import Forecast, GaussianObstacle, Scen
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung
+from wideberth.framework.values.roots import reduced
 from wideberth.framework.values.tracks import Tracks
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minimum_trace import MinimumTrace
@@ -120,7 +121,7 @@ def test_the_positive_part_is_least() -> None:
     for _ in range(20):
         root = rng.standard_normal((2, 2))
         matrix = root + root.T
-        found = positive_part(matrix)
+        found = reduced(matrix)
         assert np.linalg.eigvalsh(found).min() >= -1e-12
         assert np.linalg.eigvalsh(found - matrix).min() >= -1e-12
         both = found @ (found - matrix)

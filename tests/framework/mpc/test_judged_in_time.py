@@ -27,7 +27,6 @@ from wideberth.predictors.conformal import Conformal
 from wideberth.predictors.core.calibration import replayed, squared_distances
 from wideberth.predictors.data.recordings import Recording
 from wideberth.predictors.data.windows import cut_windows
-from wideberth.simulation.engine.agents import ReplayAgent
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures.episode_measures import Sampled, measures
 from wideberth.simulation.measures.plan_calibration import promises

@@ -30,11 +30,8 @@ _PACKAGE = re.compile(r"[a-z](_?[a-z0-9])+")
 
 
 _CONSTANTS = planner_constants()
-_SAME_AS_IN_PYTHON = (
-    "STUCK", "DEEP", "NO_FORCE", "SWITCHING_MARGIN", "SAME_PLAN", "WARM_WITHIN",
-    "PATIENT_ITERATIONS", "PATIENT_PER_STEP", "PATIENT_SHARE", "WARM_DISTANCE", "WARM_TEST",
-)  # fmt: skip
-"""Constants that have the same name in C."""
+_APART = ("CORNERS", "FORGET", "TOLERANCE", "END_SHARE", "MOST", "MOST_PLANS")
+"""Constants that do not stand among the numbers under their own name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +99,6 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("ROOM", body.radius + planner.margin, "m"),
         ("WALL_ROOM", body.radius + planner.margin_at_walls, "m"),
         ("FASTEST", _fastest(planner), "m/s"),
-        ("FOREVER", _CONSTANTS["FOREVER"], "s"),
-        ("END_LEFT", _CONSTANTS["END_LEFT"], "m"),
-        ("END_SHIFT", _CONSTANTS["END_SHIFT"], "m"),
-        ("END_NEAR", _CONSTANTS["END_NEAR"], "m"),
-        ("END_STEP", _CONSTANTS["END_STEP"], "s"),
         ("END_BRAKING", _CONSTANTS["END_SHARE"] * end.braking, "m/s^2"),
         ("END_TURNING", _CONSTANTS["END_SHARE"] * end.yaw_rate, "rad/s"),
         ("END_YAW_RATE", end.yaw_rate, "rad/s, on the spot"),
@@ -114,7 +106,7 @@ def numbers(one: ExportedPlanner) -> list[Define]:
         ("MINIMUM", -inf if shared is None else shared.minimum, "of a shared level"),
         ("LEVEL_WEIGHT", 0.0 if shared is None else shared.weight, ""),
         ("REGULARISATION", polygons.auxiliary.regularisation, ""),
-        *((name, _CONSTANTS[name], "") for name in _SAME_AS_IN_PYTHON),
+        *((name, value, "") for name, value in _CONSTANTS.items() if name not in _APART),
     ]
 
 

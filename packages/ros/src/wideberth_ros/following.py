@@ -8,11 +8,11 @@ from typing import final
 import numpy as np
 
 from wideberth.framework.mpc.planner.standing import BLOCKED
+from wideberth.framework.numerics.geometry import wrapped
 from wideberth.framework.values.arrays import Array, positive
 
 from .decoding import Goal
 from .end_of_path import Arrival
-from .frames import within_pi
 from .node import PlannerNode
 
 NO_ODOMETRY = "where the robot is is not known: there is no odometry"
@@ -142,7 +142,7 @@ class Follower(ABC):
         old, wanted = self._place, self.settings
         moved = old is None or bool(np.linalg.norm(pose[:2] - old[:2]) >= wanted.progress)
         if self.there and old is not None:
-            moved = moved or abs(within_pi(float(pose[2] - old[2]))) >= wanted.progress_angle
+            moved = moved or abs(wrapped(float(pose[2] - old[2]))) >= wanted.progress_angle
         if moved:
             self._place, self._moved = pose, now
 

@@ -52,11 +52,6 @@ def tilt_of(x: float, y: float) -> float:
     return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
 
 
-def within_pi(angle: float) -> float:
-    """Return the same angle in [-pi, pi), rad."""
-    return (angle + pi) % (2.0 * pi) - pi
-
-
 def composed(outer: Array, inner: Array) -> Array:
     """Return the motion ``outer`` after ``inner``, (..., 3) each: x, y in m and yaw in rad."""
     cosine, sine = np.cos(outer[..., 2]), np.sin(outer[..., 2])

@@ -6,11 +6,12 @@ from typing import final
 
 import numpy as np
 
+from wideberth.framework.numerics.geometry import wrapped
 from wideberth.framework.values.arrays import FARTHEST, Array
 from wideberth.framework.values.errors import WideberthError
 
 from .decoding import DecodedMessage, OdometryMessage, Transforms
-from .frames import FrameTree, composed, within_pi
+from .frames import FrameTree, composed
 
 OLDEST = 1.0
 """s; a message whose stamp is farther from that of the newest odometry is not used."""
@@ -246,7 +247,7 @@ class OwnMotion:
         motion = self.motion(self.frame, frame)
         if self.newest is None or motion is None:
             return float("nan")
-        return within_pi(float(motion[2]) + heading - float(self.pose[2]))
+        return wrapped(float(motion[2]) + heading - float(self.pose[2]))
 
     def placed(self, frame: str) -> Array | None:
         """Return the pose of a frame in that of the odometry, (3,), now; None if unknown.

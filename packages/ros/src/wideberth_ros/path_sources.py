@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from wideberth.framework.numerics.geometry import wrapped
 from wideberth.framework.route_planner import Route
 from wideberth.framework.values.arrays import FARTHEST, Array, positive
 from wideberth.framework.values.costmap import Costmap
@@ -19,7 +20,7 @@ from wideberth.routes.inflation import Inflation
 from wideberth.routes.replanning import KeptRoute, Replanning
 
 from .decoding import DecodedMessage, Goal, distinct
-from .frames import composed, inverted, within_pi
+from .frames import composed, inverted
 from .obstacle_sources import check_topic
 from .own_motion import OwnMotion
 
@@ -270,7 +271,7 @@ class GoalPlanner:
             return None
         assert self._goal is not None
         frame, aim = self._goal
-        if abs(within_pi(float(goal[2] - here[2]))) > self._skew:  # never of a heading that is NaN
+        if abs(wrapped(float(goal[2] - here[2]))) > self._skew:  # never of a heading that is NaN
             return SpinGoal(frame, float(aim[2]))
         if not stands:  # its heading may be right for a moment alone
             return SpinGoal(frame, nan)
@@ -464,7 +465,7 @@ def _straight(pose: Array, point: Array) -> Array:
 def has_moved(before: Array, now: Array, place: Array) -> bool:
     """Whether a frame with two poses (3,) has moved where a pose of its own, (3,), is."""
     apart = composed(now, place) - composed(before, place)
-    apart[2] = within_pi(float(apart[2]))
+    apart[2] = wrapped(float(apart[2]))
     return bool((np.abs(apart) > [MOVED, MOVED, TURNED]).any())
 
 

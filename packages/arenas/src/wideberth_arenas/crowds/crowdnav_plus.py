@@ -7,7 +7,6 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from wideberth.framework.plugins.rvo2 import rvo2
 from wideberth.framework.values.arrays import Array, BoolArray
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.crowds.base import STEP, Crowd
@@ -432,8 +431,10 @@ def towards(ways: Array) -> Array:
 
 def simulator(radii: Array, nearest: float) -> Any:
     """Return an RVO2 simulator of discs with these radii, m, and neighbour distance, m."""
+    import pyrvo
+
     horizons = TIME_HORIZON, TIME_HORIZON
-    world = rvo2("crowdnav_plus").RVOSimulator(STEP, nearest, len(radii), *horizons, 0.0, 1.0)
+    world = pyrvo.RVOSimulator(STEP, nearest, len(radii), *horizons, 0.0, 1.0)
     for radius in radii.tolist():
         world.add_agent(
             (0.0, 0.0), nearest, len(radii) - 1, *horizons, radius + PADDING, 1.0, (0.0, 0.0)

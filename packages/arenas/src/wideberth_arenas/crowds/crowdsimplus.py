@@ -7,8 +7,8 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from wideberth.framework.plugins.rvo2 import rvo2
 from wideberth.framework.values.arrays import Array, BoolArray
+from wideberth.people.models import circular_force
 from wideberth.simulation.crowds.base import STEP, Crowd
 from wideberth.simulation.crowds.hall import Hall, Layout, PeopleDraws, nearest
 
@@ -227,17 +227,13 @@ class CrowdSimPlusCrowd(Crowd):
         length = hypot(*way)
         force = speed * way / (length if length >= 1e-6 else 1.0) - velocity
         others, _, radii = self._others(i)
-        apart = place - others
-        distance = np.hypot(*apart.T)
-        overlap = RADIUS + radii + np.abs(RADIUS - radii) + GAP - distance
-        force = force + (STRENGTH * np.exp(overlap / REACH) / distance) @ apart
-        apart = place - nearest(place, self.lines)
-        distance = np.hypot(*apart.T)
+        touch = RADIUS + radii + np.abs(RADIUS - radii) + GAP
+        force += circular_force(place - others, touch, STRENGTH, REACH)
         walls = np.tile(WALLS, (len(self.lines), 1))
         if self.hall.layout == "bottleneck":
             walls[2:] = JAMBS
-        push = walls[:, 0] * np.exp((RADIUS + GAP - distance) / walls[:, 1])
-        force = force + (push / np.where(distance > 0.0, distance, 1.0)) @ apart
+        apart = place - nearest(place, self.lines)
+        force += circular_force(apart, np.array(RADIUS + GAP), *walls.T)
         found = velocity + STEP * force
         length = hypot(*found)
         return np.asarray(found * (speed / length) if length > speed else found)
@@ -253,10 +249,10 @@ def orca_velocity(
     lines: Array,
 ) -> Array:
     """Return the next velocity by ORCA, (2,), m/s; segments are obstacles of two vertices."""
+    import pyrvo
+
     horizons = TIME_HORIZON, OBSTACLE_HORIZON
-    world = rvo2("crowdsimplus").RVOSimulator(
-        STEP, NEIGHBOUR_DISTANCE, MOST_NEIGHBOURS, *horizons, radius, speed
-    )
+    world = pyrvo.RVOSimulator(STEP, NEIGHBOUR_DISTANCE, MOST_NEIGHBOURS, *horizons, radius, speed)
     for begin, end in lines.tolist():
         world.add_obstacle([tuple(begin), tuple(end)])
     world.process_obstacles()

@@ -83,7 +83,7 @@ class CrowdNavPlus(Scenario):
 
     Raises
     ------
-    WideberthError : a field out of range; when a case is drawn, the library pyrvo is missing.
+    WideberthError : a field out of range.
 
     References
     ----------

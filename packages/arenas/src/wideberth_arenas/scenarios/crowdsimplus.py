@@ -68,8 +68,7 @@ class CrowdSimPlus(Scenario):
 
     Raises
     ------
-    WideberthError : an unknown layout or kind of people; when a case is drawn, the library pyrvo
-        is missing.
+    WideberthError : an unknown layout or kind of people.
     """
 
     reference: ClassVar[str] = "samavi2024sicnav"

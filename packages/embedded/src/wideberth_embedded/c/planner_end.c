@@ -7,7 +7,7 @@
 
 static int computable(const double *place)
 {
-    return fabs(place[0]) <= FARTHEST && fabs(place[1]) <= FARTHEST;
+    return fabs(place[0]) <= PLAN_FARTHEST && fabs(place[1]) <= PLAN_FARTHEST;
 }
 
 /* The way from a place to the path's end, and what is left of the path there. */
@@ -33,7 +33,7 @@ void wb_hold(struct wideberth_planner *planner, const wideberth_observation *see
     int k;
     planner->holds = 0;
     if (arc < path->arc[path->count - 1] - PLAN_END_LEFT
-        || path->progress[REFERENCE].waited < PATIENCE)
+        || path->progress[REFERENCE].waited < PLAN_PATIENCE)
         return;
     for (k = 0; k < seen->obstacles; k++) {
         const wideberth_detection *body = &seen->detections[k];

@@ -63,7 +63,7 @@ void wb_filter(struct belief *belief, double time, const double *place, const do
     const double noise[4]
         = {covariance[0] + least, covariance[1], covariance[2], covariance[3] + least};
     int r, c;
-    if (lag <= LONGEST_LAG * PLAN_TRACK_DT * (1.0 + SAME_TIME)) {
+    if (lag <= LONGEST_LAG * PLAN_TRACK_DT * (1.0 + PLAN_SAME_TIME)) {
         carry(belief, lag);
         update(belief, place, noise);
     } else {
@@ -84,7 +84,7 @@ static double lag_of(const struct tracks *tracks, const struct log *log)
 {
     const double size = fabs(tracks->stamp), lag = tracks->stamp - log->now.time;
     const double slack
-        = fmax(SAME_TIME * PLAN_TRACK_DT, 4.0 * (nextafter(size, INFINITY) - size));
+        = fmax(PLAN_SAME_TIME * PLAN_TRACK_DT, 4.0 * (nextafter(size, INFINITY) - size));
     return lag > slack ? lag : 0.0;
 }
 

@@ -336,9 +336,9 @@ void wb_multistart(struct wideberth_planner *planner, struct point *first, int w
     int i, r, count, sound = 1;
     outcome->count = 0, outcome->before = planner->obstacle_in_way;
     outcome->in_the_way = outcome->before, outcome->iterations = 0;
-    for (r = 0; r < NX; r++) sound = sound && fabs(problem->initial[r]) <= FARTHEST;
+    for (r = 0; r < NX; r++) sound = sound && fabs(problem->initial[r]) <= PLAN_FARTHEST;
     for (i = 0; i < N; i++)
-        for (r = 0; r < 2; r++) sound = sound && fabs(problem->reference[i][r]) <= FARTHEST;
+        for (r = 0; r < 2; r++) sound = sound && fabs(problem->reference[i][r]) <= PLAN_FARTHEST;
     if (!sound) return;
     solve(planner, first, warm, NULL, &outcome->candidates[0]);
     outcome->count = 1;

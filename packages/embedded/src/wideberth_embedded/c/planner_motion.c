@@ -5,10 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-#define FAST 10.0      /* m/s and rad/s, asked of a robot that keeps its limits */
-#define BEYOND 1e3     /* the same, where its limits are looked for */
-#define ALLOWANCE 1e-3 /* by how much a command may be beyond a limit */
-
 void wb_column(wb_function *function, const double *v, const double *p, double *out)
 {
     const int64_t next = sizeof(double);
@@ -149,7 +145,8 @@ static int behind(const double *pose, const double *way)
 /* Whether the reference lies or begins behind a robot that drives backwards less fast. */
 int wb_faces_away(const wideberth_problem *problem)
 {
-    static const double ENDS[3][3] = {{BEYOND, 0.0, 0.0}, {-BEYOND, 0.0, 0.0}, {0.0, 0.0, BEYOND}};
+    static const double ENDS[3][3]
+        = {{PLAN_BEYOND, 0.0, 0.0}, {-PLAN_BEYOND, 0.0, 0.0}, {0.0, 0.0, PLAN_BEYOND}};
     const double *end = problem->reference[N - 1];
     double here[3], way[2], found[3][3];
     int k;
@@ -180,7 +177,7 @@ int wb_turn(const wideberth_problem *problem, double *spin)
     missing -= 2.0 * PI * rint(missing / (2.0 * PI));
     sign = copysign(1.0, missing);
     spin[0] = spin[1] = opposite[0] = opposite[1] = 0.0;
-    spin[2] = sign * BEYOND, opposite[2] = -spin[2];
+    spin[2] = sign * PLAN_BEYOND, opposite[2] = -spin[2];
     wb_steer(problem->initial, spin, N, spin, states, inputs);
     attained(wideberth_plan_drive, WIDEBERTH_DT, problem->initial, opposite, found);
     wb_twist(problem->initial, none, twist);
@@ -268,9 +265,9 @@ int wb_stops(const double *start, double fastest, double (*states)[N + 1][NX],
     found++;
     wb_twist(start, none, now);
     for (k = 0; k < 6; k++) { /* turning, swerving, ahead and back; to the left first */
-        const double sign = k % 2 ? -1.0 : 1.0, ahead = fastest > 0.0 ? fastest : FAST;
+        const double sign = k % 2 ? -1.0 : 1.0, ahead = fastest > 0.0 ? fastest : PLAN_FAST;
         double twist[3] = {0.0, 0.0, 0.0};
-        if (k < 2) twist[2] = sign * FAST;
+        if (k < 2) twist[2] = sign * PLAN_FAST;
         if (k == 2 || k == 3) twist[0] = now[0], twist[2] = sign;
         if (k > 3) twist[0] = sign * ahead;
         for (s = 0; s < 3; s++) {
@@ -318,7 +315,7 @@ static int broken(const wideberth_command *command)
         for (r = 0; r < PLAN_LIMITS; r++) worst = fmax(worst, -limits[r]);
     }
 #endif
-    return !(worst <= ALLOWANCE);
+    return !(worst <= PLAN_ALLOWANCE);
 }
 
 static void within_reach(wideberth_command *command)

@@ -25,8 +25,6 @@ enum {
     ALL_STARTS = 9 /* the last plan, and every other that can be named */
 };
 
-#define FARTHEST 1e9
-#define SAME_TIME 1e-6 /* steps of a track by which two equal times may differ */
 #define PLAN_FORGET WIDEBERTH_PLAN_FORGET
 #define TOLERANCE WIDEBERTH_PLAN_TOLERANCE
 #define PI 3.14159265358979323846
@@ -227,8 +225,6 @@ struct progress { /* how far along the path the robot has come, and where it was
     int waited;       /* calls since it has grown beyond `farthest` */
     double last, where[2], farthest, begin; /* the search does not go behind `begin` */
 };
-
-#define PATIENCE 8 /* calls without progress after which a way back counts, or a robot rests */
 
 enum { REFERENCE, APPROACH, ARRIVAL, PROGRESSES }; /* who follows it along the path */
 

@@ -5,17 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-#define EARLY 0.5     /* m; how far behind the nearest point of a new path may be */
-#define GROWN 0.01    /* m, by which the arc length grows of a robot that does not wait */
-#define LONGER 0.25   /* m, by which the search reaches farther with each call in which it waits, */
-#define LONGEST 5.0   /* m, at most */
-#define CUT 6.0       /* m of the path that a way back may cut off, */
-#define OPPOSITE -0.5 /* whose cosine to the way there is smaller, */
-#define BESIDE 0.1    /* m, and that is no more farther off */
-#define SURPLUS 1e-3  /* by which an outer radius is enlarged, in m and relative */
-#define FAR 1e6       /* m; largest distance of a mean from the robot */
-#define WIDE 1e4      /* m; largest deviation, and radius */
-
 static double length_of(const double *first, const double *second)
 {
     const double x = second[0] - first[0], y = second[1] - first[1];
@@ -74,7 +63,7 @@ static double project(const struct path *path, const double *place, double start
 static int piece_of(const struct path *path, double arc);
 
 /* Arc length of the first stretch within a window that runs against the path at `arc`, and is no
- * more than `BESIDE` farther off than the nearest one; `arc` if there is none. */
+ * more than `PLAN_BESIDE` farther off than the nearest one; `arc` if there is none. */
 static double way_back(const struct path *path, const double *place, double arc, double window)
 {
     const double nearest = least_away(path, place, arc, window);
@@ -87,7 +76,7 @@ static double way_back(const struct path *path, const double *place, double arc,
             + (at[k + 1][1] - at[k][1]) * (at[here + 1][1] - at[here][1]);
         cosine /= (path->arc[k + 1] - path->arc[k]) * (path->arc[here + 1] - path->arc[here]);
         reach = nearest_of(path, k, place, arc, window, &away);
-        if (cosine < OPPOSITE && away <= nearest + BESIDE) return reach;
+        if (cosine < PLAN_OPPOSITE && away <= nearest + PLAN_BESIDE) return reach;
     }
     return arc;
 }
@@ -102,16 +91,16 @@ static double progressed(const struct path *path, struct progress *progress, con
     memcpy(progress->where, place, sizeof(progress->where));
     if (!last.begun) {
         progress->begun = 1;
-        return progress->last = project(path, place, 0.0, INFINITY, EARLY);
+        return progress->last = project(path, place, 0.0, INFINITY, PLAN_EARLY);
     }
-    reach = EARLY + 2.0 * length_of(last.where, place);
+    reach = PLAN_EARLY + 2.0 * length_of(last.where, place);
     low = fmax(last.last - reach, last.begin);
     arc = project(path, place, low, fmax(last.last + reach + farther - low, 0.0), 0.0);
     driven = last.grown ? fmax(last.farthest - arc, 0.0) : 0.0, back = arc;
-    if (last.grown && last.waited >= PATIENCE && (ahead >= 0.0 || driven >= EARLY))
-        back = way_back(path, place, arc, (ahead < 0.0 ? CUT : ahead) + 2.0 * driven);
+    if (last.grown && last.waited >= PLAN_PATIENCE && (ahead >= 0.0 || driven >= PLAN_EARLY))
+        back = way_back(path, place, arc, (ahead < 0.0 ? PLAN_CUT : ahead) + 2.0 * driven);
     if (back > arc) progress->begin = back;
-    before = (last.grown ? last.farthest : last.last) + GROWN;
+    before = (last.grown ? last.farthest : last.last) + PLAN_GROWN;
     if (back > arc || arc > before)
         progress->grown = 1, progress->farthest = back, progress->waited = 0;
     else
@@ -127,7 +116,7 @@ double wb_progressed(const struct path *path, struct progress *progress, const d
 double wb_advanced(struct path *path, const double *place)
 {
     struct progress *reference = &path->progress[REFERENCE];
-    return progressed(path, reference, place, fmin(LONGER * reference->waited, LONGEST),
+    return progressed(path, reference, place, fmin(PLAN_LONGER * reference->waited, PLAN_LONGEST),
         PLAN_SPEED * N * WIDEBERTH_DT);
 }
 
@@ -179,16 +168,16 @@ void wb_lay(const struct path *path, double arc, wideberth_problem *problem)
 
 /* ---- Obstacles */
 
-/* Covariance no deviation of which exceeds `WIDE`. */
+/* Covariance no deviation of which exceeds `PLAN_WIDE`. */
 static void not_wider(double *covariance)
 {
     double values[2], vectors[4];
     int k, r, c, wide = 0;
-    for (k = 0; k < 4; k++) wide = wide || !(fabs(covariance[k]) <= WIDE * WIDE / 2.0);
+    for (k = 0; k < 4; k++) wide = wide || !(fabs(covariance[k]) <= PLAN_WIDE * PLAN_WIDE / 2.0);
     if (!wide) return;
     for (k = 0; k < 4; k++) wide = wide && isfinite(covariance[k]);
     if (!wide) {
-        covariance[0] = covariance[3] = WIDE * WIDE, covariance[1] = covariance[2] = 0.0;
+        covariance[0] = covariance[3] = PLAN_WIDE * PLAN_WIDE, covariance[1] = covariance[2] = 0.0;
         return;
     }
     wb_axes(covariance, values, vectors);
@@ -196,14 +185,14 @@ static void not_wider(double *covariance)
         for (c = 0, covariance[2 * r] = covariance[2 * r + 1] = 0.0; c < 2; c++)
             for (k = 0; k < 2; k++)
                 covariance[2 * r + c] += vectors[2 * r + k] * vectors[2 * c + k]
-                    * fmin(fmax(values[k], 0.0), WIDE * WIDE);
+                    * fmin(fmax(values[k], 0.0), PLAN_WIDE * PLAN_WIDE);
 }
 
 /* Whether no plan can meet an obstacle, see slots/reachability.py. */
 static int out_of_reach(const struct instance *instance, const double (*mean)[2],
     const double (*covariance)[4], double margin, const double *here, const double *travel)
 {
-    const double wide = fmin(margin, WIDE);
+    const double wide = fmin(margin, PLAN_WIDE);
     double values[2], vectors[4];
     int i;
     if (!PLAN_LEAVES_OUT) return 0;
@@ -213,7 +202,7 @@ static int out_of_reach(const struct instance *instance, const double (*mean)[2]
         double radius;
         wb_axes(covariance[i], values, vectors);
         radius = PLAN_LEVELS[i] * sqrt(fmax(values[0], 0.0)) + wide;
-        radius = fmax(radius, wide) * (1.0 + SURPLUS) + SURPLUS;
+        radius = fmax(radius, wide) * (1.0 + PLAN_SURPLUS) + PLAN_SURPLUS;
         if (!(room > wide) || !(PLAN_LEVELS[i] >= 0.0) || !(room > radius)) return 0;
     }
     return 1;
@@ -254,7 +243,7 @@ static int put(struct instance *instance, const struct log *log, const double (*
     for (i = 0; i < N; i++) memcpy(instance->means[i][slot], mean[i], 2 * sizeof(double));
     instance->radii[slot] = log->radius;
     return wideberth_set(&instance->problem, WIDEBERTH_KIND_OBSTACLE, slot, mean, covariance,
-               fmin(log->radius, WIDE))
+               fmin(log->radius, PLAN_WIDE))
         == WIDEBERTH_NO_ERROR;
 }
 
@@ -271,8 +260,8 @@ static void choose_obstacles(struct wideberth_planner *planner, const double *he
         for (i = 0; i < N; i++) {
             const double *first = instance->problem.reference[0];
             for (r = 0; r < 2; r++)
-                place[i][r] = fmin(fmax(planner->forecast.mean[k][i][r], first[r] - FAR),
-                    first[r] + FAR);
+                place[i][r] = fmin(fmax(planner->forecast.mean[k][i][r], first[r] - PLAN_FAR),
+                    first[r] + PLAN_FAR);
             memcpy(scratch->spread[k][i], planner->forecast.covariance[k][i], 4 * sizeof(double));
             not_wider(scratch->spread[k][i]);
         }

@@ -6,12 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define OLDEST 60.0      /* s; an age beyond it, before or after now, comes from another clock */
-#define UNKNOWN 0.7      /* m, radius of an obstacle of unknown kind */
-#define USUAL 0.03       /* m, deviation of a measurement of which nothing is known */
-#define DENSEST 64       /* measurements per step of a track */
 #define FORGIVEN 1e-9    /* share of the largest entry that is rounding in a covariance */
-#define VAGUEST 1e6      /* m, largest deviation of a measurement */
 
 void wb_axes(const double *matrix, double *values, double *vectors)
 {
@@ -30,7 +25,7 @@ static int covariance_of(const double *given, double *found)
     double symmetric[4], largest = 0.0, values[2], vectors[4];
     int k;
     for (k = 0; k < 4; k++) {
-        if (!(fabs(given[k]) <= VAGUEST * VAGUEST)) return 0;
+        if (!(fabs(given[k]) <= PLAN_VAGUEST * PLAN_VAGUEST)) return 0;
         largest = fmax(largest, fabs(given[k]));
     }
     if (fabs(0.5 * given[1] - 0.5 * given[2]) > 0.5 * FORGIVEN * largest) return 0;
@@ -69,9 +64,10 @@ static void completed(struct history *history, double stamp, wideberth_detection
 {
     const struct log *last
         = remembered(history, one->name, stamp) ? known(history, one->name) : NULL;
-    double found[4] = {USUAL * USUAL, 0.0, 0.0, USUAL * USUAL};
-    if (!(one->radius >= 0.0 && one->radius <= FARTHEST))
-        one->radius = last ? last->radius : UNKNOWN;
+    const double usual = PLAN_USUAL_NOISE * PLAN_USUAL_NOISE;
+    double found[4] = {usual, 0.0, 0.0, usual};
+    if (!(one->radius >= 0.0 && one->radius <= PLAN_FARTHEST))
+        one->radius = last ? last->radius : PLAN_UNKNOWN_RADIUS;
     if (one->age < 0.0) one->age = 0.0;
     if (!covariance_of(one->covariance, found) && last)
         memcpy(found, last->covariance, sizeof(found));
@@ -81,8 +77,8 @@ static void completed(struct history *history, double stamp, wideberth_detection
 /* Whether it is known where an obstacle is, and when it was there. */
 static int placed(const wideberth_detection *one)
 {
-    return fabs(one->position[0]) <= FARTHEST && fabs(one->position[1]) <= FARTHEST
-        && fabs(one->age) <= OLDEST;
+    return fabs(one->position[0]) <= PLAN_FARTHEST && fabs(one->position[1]) <= PLAN_FARTHEST
+        && fabs(one->age) <= PLAN_OLDEST;
 }
 
 /* All that have a place and are new enough, with stand-ins; returns how many. */
@@ -123,8 +119,8 @@ static int nearest(wideberth_detection *seen, int count, const double *here,
     int k, rank, kept = 0;
     if (count <= PLAN_MOST || !here) return count < PLAN_MOST ? count : PLAN_MOST;
     for (k = 0; k < count; k++) {
-        const double x = seen[k].position[0] - fmin(fmax(here[0], -FARTHEST), FARTHEST);
-        const double y = seen[k].position[1] - fmin(fmax(here[1], -FARTHEST), FARTHEST);
+        const double x = seen[k].position[0] - fmin(fmax(here[0], -PLAN_FARTHEST), PLAN_FARTHEST);
+        const double y = seen[k].position[1] - fmin(fmax(here[1], -PLAN_FARTHEST), PLAN_FARTHEST);
         scratch->away[k] = sqrt(x * x + y * y);
     }
     for (k = 0; k < count; k++) {
@@ -140,12 +136,6 @@ static int nearest(wideberth_detection *seen, int count, const double *here,
 }
 
 /* ---- Names, see framework/tracking/names.py */
-
-#define LEAP 1.0         /* m, by which a position may be off beside the motion */
-#define CHANGE 3.0       /* m/s, change of a velocity that is unnamed */
-#define LONGEST 0.4      /* s, beyond which the reach of an unnamed obstacle does not grow */
-#define DEVIATION 0.1    /* m, of the position of an unnamed obstacle */
-#define REMEMBERED 1.0   /* s, for which an unnamed obstacle is recognised */
 
 static double apart(const double *one, const double *other)
 {
@@ -186,9 +176,11 @@ static void number(struct history *history, wideberth_detection *seen, int count
             for (o = 0; open[k] && o < history->count; o++) {
                 const struct log *log = &history->logs[o];
                 const double lag = history->stamp - log->reported;
-                const double reach = CHANGE * fmin(lag, LONGEST) + 6.0 * DEVIATION;
+                const double reach = PLAN_CHANGE * fmin(lag, PLAN_LONGEST_GAP)
+                    + 6.0 * PLAN_UNNAMED_DEVIATION;
                 const double gap = apart(seen[k].position, log->place);
-                if (!log->unnamed || log->claimed || lag > REMEMBERED || !(gap < reach)) continue;
+                if (!log->unnamed || log->claimed || lag > PLAN_REMEMBERED || !(gap < reach))
+                    continue;
                 if (gap < least) least = gap, best = k, other = o;
             }
         }
@@ -228,7 +220,7 @@ static struct owner owner_of(const struct history *history, const wideberth_dete
         double lag, reach, share;
         if (!further && strcmp(log->name, one->name) != 0) continue;
         lag = fabs(history->stamp - one->age - log->now.time);
-        reach = LEAP + PLAN_OBSTACLE_SPEED * lag;
+        reach = PLAN_LEAP + PLAN_OBSTACLE_SPEED * lag;
         share = apart(one->position, log->place) / reach;
         if (!best.log || share < best.share) best.log = log, best.reach = reach, best.share = share;
     }
@@ -307,9 +299,9 @@ static void assign(struct history *history, wideberth_detection *seen, int count
  * than that is not used: Python inserts it and filters again. */
 static void measured(struct log *log, double time, const double *place, const double *covariance)
 {
-    const double slack = SAME_TIME * PLAN_TRACK_DT, since = time - log->now.time;
+    const double slack = PLAN_SAME_TIME * PLAN_TRACK_DT, since = time - log->now.time;
     if (since < -slack) return;
-    if (since > slack && time - log->before.time >= PLAN_TRACK_DT / DENSEST)
+    if (since > slack && time - log->before.time >= PLAN_TRACK_DT / PLAN_DENSEST)
         log->before = log->now;
     log->now = log->before;
     wb_filter(&log->now, time, place, covariance);

@@ -5,13 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-#define LEAVING 0.25   /* m/s, at which a slower robot may leave who is in contact */
-#define ONWARD 0.25    /* largest share of an obstacle's width ahead of a robot that leaves, */
-#define SLOWLY 0.5     /* and of one that is no faster than LEAVING */
-#define TOUCHING 1e-6  /* m; bodies that are no farther apart touch */
-#define OF_SOLVERS 1e-4 /* m and m/s, by which plans differ from braking */
-#define LOOKS 32       /* between two steps, at most */
-
 static int finite_states(const struct point *point)
 {
     int i, r;
@@ -94,7 +87,7 @@ static void touched(const struct instance *instance, const struct point *point, 
         length[i] = sqrt(x * x + y * y);
         longest = fmax(longest, length[i]);
     }
-    looks = (int)fmin(fmax(ceil(longest / half), 1.0), LOOKS);
+    looks = (int)fmin(fmax(ceil(longest / half), 1.0), PLAN_MOST_LOOKS);
     for (i = 0; i < N; i++) {
         const double square = half * half - 0.25 * length[i] * length[i];
         const double cut = half - sqrt(fmax(square, 0.25 * half * half));
@@ -272,21 +265,22 @@ void wb_pressed(const struct instance *instance, const struct point *point, stru
     moved(rule, states, inputs, &found, scratch->towards, scratch->depth);
     for (i = 0; i < N; i++) {
         const double length = found.length[i];
-        const double share = length <= (LEAVING + OF_SOLVERS) * WIDEBERTH_DT ? SLOWLY : ONWARD;
+        const double slow = (PLAN_LEAVING + PLAN_OF_SOLVERS) * WIDEBERTH_DT;
+        const double share = length <= slow ? PLAN_SLOWLY : PLAN_ONWARD;
         double broken = found.speed[i] - fmax(rule->fastest, rule->braking.speed[i]), deeper = 0.0;
         int onward = rule->placeless > 0, touching = rule->placeless > 0;
         for (c = 0; c < rule->count; c++) {
-            const double room = (1.0 - 2.0 * share) * rule->radii[c] + TOUCHING;
+            const double room = (1.0 - 2.0 * share) * rule->radii[c] + PLAN_TOUCHING;
             onward = onward || room * length + scratch->towards[i][c] > 0.0;
             deeper = fmax(deeper, scratch->depth[i + 1][c]
                     - fmax(scratch->depth[i][c], rule->braking_depth[i + 1][c]));
-            touching = touching || scratch->depth[i][c] >= -TOUCHING;
+            touching = touching || scratch->depth[i][c] >= -PLAN_TOUCHING;
         }
         broken = fmax(broken, onward ? length - rule->braking.length[i] : 0.0);
         broken = fmax(broken, deeper);
         if (rule->placeless) broken = fmax(broken, found.turn[i] - rule->braking.turn[i]);
         held = held && touching;
-        pressed[i] = held && broken > OF_SOLVERS ? broken : 0.0;
+        pressed[i] = held && broken > PLAN_OF_SOLVERS ? broken : 0.0;
     }
 }
 
@@ -316,7 +310,7 @@ void wb_contact(struct wideberth_planner *planner, const wideberth_observation *
         double place[2], x, y;
         expected(planner, k, lag, place);
         x = place[0] - pose[0], y = place[1] - pose[1];
-        if (!(PLAN_RADIUS + planner->tracks.of[k]->radius - sqrt(x * x + y * y) >= -TOUCHING))
+        if (!(PLAN_RADIUS + planner->tracks.of[k]->radius - sqrt(x * x + y * y) >= -PLAN_TOUCHING))
             continue;
         memcpy(contact->places[contact->count], place, sizeof(place));
         contact->radii[contact->count++] = planner->tracks.of[k]->radius;
@@ -326,5 +320,5 @@ void wb_contact(struct wideberth_planner *planner, const wideberth_observation *
     wb_brake(start, scratch->way_states[0], scratch->way_inputs[0]);
     moved(contact, scratch->way_states[0], scratch->way_inputs[0], &contact->braking, NULL,
         contact->braking_depth);
-    contact->fastest = fmax(contact->braking.begin, LEAVING);
+    contact->fastest = fmax(contact->braking.begin, PLAN_LEAVING);
 }

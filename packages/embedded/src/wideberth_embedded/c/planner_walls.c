@@ -4,9 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-#define THIN 1e-6  /* m; what is thinner has no sides */
-#define FLAT 1e-10 /* m; a corner that stands out less is left out */
-
 static double length_of(const double *way)
 {
     return hypot(way[0], way[1]);
@@ -32,7 +29,7 @@ static void pruned(struct wall *wall)
             const double one = fabs(height((const double (*)[2])wall->at, wall->corners, k));
             if (one < least) least = one, flattest = k;
         }
-        if (least > FLAT) return;
+        if (least > PLAN_FLAT) return;
         memmove(&wall->at[flattest], &wall->at[flattest + 1],
             (size_t)(wall->corners - flattest - 1) * sizeof(wall->at[0]));
         wall->corners--;
@@ -74,7 +71,7 @@ int wb_wall(const wideberth_polygon *given, struct wall *wall)
     if (count < 3 || count > CORNERS) return 0;
     for (k = 0; k < count; k++) {
         const double *here = given->at[k], *after = given->at[(k + 1) % count];
-        if (!(fabs(here[0]) <= FARTHEST && fabs(here[1]) <= FARTHEST)) return 0;
+        if (!(fabs(here[0]) <= PLAN_FARTHEST && fabs(here[1]) <= PLAN_FARTHEST)) return 0;
         twice += (here[0] - given->at[0][0]) * (after[1] - given->at[0][1])
             - (here[1] - given->at[0][1]) * (after[0] - given->at[0][0]);
     }
@@ -82,10 +79,10 @@ int wb_wall(const wideberth_polygon *given, struct wall *wall)
     for (k = 0; k < count; k++) /* counter-clockwise from the first corner */
         memcpy(wall->at[k], given->at[twice < 0.0 ? (count - k) % count : k], sizeof(wall->at[0]));
     for (k = 0; k < count; k++)
-        if (!(height((const double (*)[2])wall->at, count, k) > -FLAT)) return 0;
+        if (!(height((const double (*)[2])wall->at, count, k) > -PLAN_FLAT)) return 0;
     pruned(wall);
     normals_of(wall);
-    return width_of(wall) > THIN;
+    return width_of(wall) > PLAN_THIN;
 }
 
 double wb_separation(const double *place, const double (*at)[2], int corners, double *normal)

@@ -6,8 +6,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SAME_PATH 0.1 /* m; a path whose points are no farther from the last one's has only moved */
-
 static const char *const STATUSES[WIDEBERTH_PLAN_STATUSES] = {
     "a plan was made",
     "an argument is NULL",
@@ -81,7 +79,7 @@ int wideberth_planner_set_path(wideberth_planner *planner, const double (*points
     if (!begun(planner)) return WIDEBERTH_PLAN_OTHER_BUILD;
     if (count < 2 || count > POINTS) return WIDEBERTH_PLAN_PATH;
     for (k = 0; k < count; k++)
-        if (!(fabs(points[k][0]) <= FARTHEST && fabs(points[k][1]) <= FARTHEST))
+        if (!(fabs(points[k][0]) <= PLAN_FARTHEST && fabs(points[k][1]) <= PLAN_FARTHEST))
             return WIDEBERTH_PLAN_PATH;
     for (k = 1; k < count && points[k][0] == points[0][0] && points[k][1] == points[0][1];) k++;
     if (k == count) return WIDEBERTH_PLAN_PATH;
@@ -95,8 +93,9 @@ int wideberth_planner_set_path(wideberth_planner *planner, const double (*points
             if (length == 0.0) continue;
         }
         path->arc[kept] = last ? path->arc[kept - 1] + length : 0.0;
-        same = same && kept < path->count && fabs(points[k][0] - path->at[kept][0]) <= SAME_PATH
-            && fabs(points[k][1] - path->at[kept][1]) <= SAME_PATH;
+        same = same && kept < path->count
+            && fabs(points[k][0] - path->at[kept][0]) <= PLAN_SAME_PATH
+            && fabs(points[k][1] - path->at[kept][1]) <= PLAN_SAME_PATH;
         memcpy(path->at[kept++], points[k], sizeof(path->at[0]));
     }
     if (!same || path->count != kept) memset(path->progress, 0, sizeof(path->progress));
@@ -217,7 +216,7 @@ static int checked(const wideberth_observation *seen)
     if (seen->polygons && !seen->walls) return WIDEBERTH_PLAN_NULL;
     if (!isfinite(seen->stamp)) return WIDEBERTH_PLAN_NUMBERS;
     for (r = 0; r < NX; r++)
-        if (!(fabs(seen->state[r]) <= FARTHEST)) return WIDEBERTH_PLAN_NUMBERS;
+        if (!(fabs(seen->state[r]) <= PLAN_FARTHEST)) return WIDEBERTH_PLAN_NUMBERS;
     for (k = 0; k < seen->polygons; k++) {
         struct wall wall;
         if (!wb_wall(&seen->walls[k], &wall)) return WIDEBERTH_PLAN_POLYGON;

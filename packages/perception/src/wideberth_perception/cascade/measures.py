@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from wideberth.framework.numerics.chi_square import content_bound
+from wideberth.framework.numerics.geometry import wrapped
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.metrics.statistics import known_mean
@@ -88,7 +89,7 @@ def _judged(name: str, pairs: Sequence[tuple[Array, Array]], size: int) -> dict[
 
 def _own(one: Glance) -> tuple[Array, Array]:
     error = one.own.pose - one.truth.pose
-    error[2] = (error[2] + np.pi) % (2.0 * np.pi) - np.pi
+    error[2] = wrapped(error[2])
     return error, one.own.covariance[:3, :3]
 
 

@@ -8,6 +8,7 @@ from typing import final
 
 import numpy as np
 
+from wideberth.framework.numerics.geometry import wrapped
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Observation
@@ -73,7 +74,7 @@ class TrueState(StateEstimator):
         first, last = self._times[index - 1], self._times[index]
         share = min(max((time - first) / (last - first), 0.0), 1.0) if last > first else 1.0
         change = self._means[index] - self._means[index - 1]
-        change[2] = (change[2] + np.pi) % (2.0 * np.pi) - np.pi
+        change[2] = wrapped(change[2])
         mean = self._means[index - 1] + share * change
         return MotionEstimate(first + share * (last - first), mean, np.zeros((6, 6)))
 

@@ -8,6 +8,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from wideberth.framework.numerics.chi_square import content_bound
+from wideberth.framework.numerics.geometry import wrapped
 from wideberth.framework.plugins.config import ADVICE, build
 from wideberth.framework.values.arrays import Array, BoolArray, assembled
 from wideberth.framework.values.errors import WideberthError
@@ -187,7 +188,7 @@ class ScanMatching(StateEstimator):
             if np.abs(step).max() < _STILL:
                 break
         found = np.linalg.inv(information)
-        return np.array([pose[0], pose[1], _wrapped(pose[2])]), 0.5 * (found + found.T)
+        return np.array([pose[0], pose[1], wrapped(pose[2])]), 0.5 * (found + found.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +208,7 @@ class _Anchor:
         shift = np.array([
             cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
         ])  # fmt: skip
-        pose = np.array([*(self.pose[:2] + shift), _wrapped(self.pose[2] + step[2])])
+        pose = np.array([*(self.pose[:2] + shift), wrapped(self.pose[2] + step[2])])
         if now.time == before.time:
             return pose, self.covariance
         there = _lever(now.mean[:2] - before.mean[:2])
@@ -258,7 +259,7 @@ def _between(pose: Array, others: Array) -> Array:
     return np.stack([
         cosine * off[..., 0] + sine * off[..., 1],
         cosine * off[..., 1] - sine * off[..., 0],
-        _wrapped(others[..., 2] - pose[2]),
+        wrapped(others[..., 2] - pose[2]),
     ], axis=-1)  # fmt: skip
 
 
@@ -267,7 +268,3 @@ def _lever(shift: Array) -> Array:
     found = np.eye(3)
     found[:2, 2] = -shift[1], shift[0]
     return found
-
-
-def _wrapped(angle: Array) -> Array:
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,41 @@
+"""A predictor that is the filter of one motion."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+from ...framework.predictor import Filtering, Fittable
+from ...framework.values.beliefs import Beliefs
+from ...framework.values.forecast import Forecast, Scene
+from ...framework.values.tracks import Tracks
+from .kalman_filter import Motion, filtered, forecast, started
+from .pattern_search import Powers, fit_numbers
+
+
+class MotionFilter(Filtering, Fittable):
+    """Filters all obstacles at once under a `Motion`, and rolls it out over the horizon."""
+
+    noise_floor: float
+    _name: ClassVar[str]
+    _scaled: ClassVar[Powers]
+    """What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
+    out of the fit were forecast worse, as noise against motion is a matter of each recording."""
+
+    @property
+    @abstractmethod
+    def _motion(self) -> Motion:
+        """How obstacles move."""
+
+    def fit(self, dataset: Sequence[Tracks]) -> Self:
+        """Return a copy fitted by `fit_numbers`; see `Fittable.fit`."""
+        return fit_numbers(self, (self._scaled,), dataset)
+
+    def filtered(self, tracks: Tracks, before: Beliefs | None = None) -> Beliefs:
+        """Return the state of all obstacles under each mode; see `Filtering.filtered`."""
+        return filtered(tracks, before, self._motion, self.noise_floor)
+
+    def ahead(
+        self, beliefs: Beliefs, tracks: Tracks, steps: int, scene: Scene | None = None
+    ) -> Forecast:
+        """Forecast all obstacles; see `Filtering.ahead`."""
+        return forecast(started(beliefs, tracks, self._motion), steps, self._name)
