@@ -4,6 +4,7 @@
 
 from .approximation_error import ApproximationError as ApproximationError
 from .comparison import Comparison as Comparison
+from .convex_certificates import ConvexCertificates as ConvexCertificates
 from .ellipse_construction import EllipseConstruction as EllipseConstruction
 from .encounter import Encounter as Encounter
 from .first_sight import FirstSight as FirstSight
@@ -16,5 +17,5 @@ from .reacting_calibration import ReactingCalibration as ReactingCalibration
 from .region_gallery import RegionGallery as RegionGallery
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
-__all__ = ['ApproximationError', 'Comparison', 'EllipseConstruction', 'Encounter', 'FirstSight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'Replay', 'Tuning']
+__all__ = ['ApproximationError', 'Comparison', 'ConvexCertificates', 'EllipseConstruction', 'Encounter', 'FirstSight', 'ForecastRegions', 'Guarantees', 'KnownFutures', 'PlannerParts', 'PredictionBenchmark', 'ReactingCalibration', 'RegionGallery', 'Replay', 'Tuning']
 BUILT_IN: dict[str, str]

@@ -1,19 +1,18 @@
 """Certificates of the convex regions by convex programs, which use none of their formulas."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework import GaussianObstacle, WideberthError, load
+from ...framework import GaussianObstacle, Region, WideberthError, build, load, names
 from ...framework.plugins.extras import check_extra
 from ...framework.region import Convex, Relation, Signed
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, positive, probability, whole
 from ..drawing.plotting import COLOURS, LINES, PAGE, subplots, title
 from ..engine.closed_loop import column, group
-from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
-from .region_family import RegionStudy, family, member
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced
 
 TOLERANCE = 1e-5
 """Of what the solver leaves, in margins; a smaller gap counts as none."""
@@ -24,7 +23,7 @@ MARKERS = "osD^vPX*<>"
 
 @final
 @dataclass(frozen=True)
-class ConvexCertificates(RegionStudy):
+class ConvexCertificates(GridStudy):
     """Three convex programs per region and covariance, solved by CVXPY.
 
     With E the ellipse of the region's level s, B the disc of the margin rho and h the region's
@@ -45,6 +44,9 @@ class ConvexCertificates(RegionStudy):
 
     Attributes
     ----------
+    regions : by name, each of type `Convex`.
+    registered : examine every other registered convex region of two coordinates too.
+    tail : 1 - content, or the asked risk where a region's level stands for a risk.
     conditions : lambda_1 / lambda_2, each within [1, 1e4]: beyond, the semidefinite program
         has no digits left.
     short_axis : s sigma_2 over the margin, within [0.01, 1].
@@ -59,14 +61,19 @@ class ConvexCertificates(RegionStudy):
     )
     reference: ClassVar[str] = "boyd2004convex,kurzhanski1997ellipsoidal"
 
+    regions: Mapping[str, Region] = field(default_factory=dict)
+    registered: bool = True
+    tail: float = 0.05
     conditions: tuple[float, ...] = (1.0, 2.0, 4.0, 10.0, 25.0, 100.0)
     short_axis: float = 1.0
     margin: float = 1.5
     directions: int = 360
     points: int = 12
 
-    def validate(self) -> None:
-        """Refuse sizes without digits, and regions that are not `Convex`."""
+    def __post_init__(self) -> None:
+        probability("tail", self.tail)
+        if not (self.regions or self.registered):
+            raise WideberthError("regions is empty; name one, or set registered to true")
         check_extra("cvxpy", "certificates", "convex_certificates needs CVXPY")
         positive("margin", self.margin)
         whole("directions", self.directions, least=8)
@@ -85,17 +92,17 @@ class ConvexCertificates(RegionStudy):
 
     def _names(self) -> list[str]:
         """Return the given regions, then the registered ones that are convex."""
-        found = family(self.regions, self.registered)
-        return [
-            name
-            for name in found
-            if name in self.regions or issubclass(load("regions", name), Convex)
-        ]
+        found = list(self.regions)
+        for name in names("regions") if self.registered else ():
+            kind = load("regions", name)
+            if name not in found and issubclass(kind, Convex) and 2 in kind.dimensions:
+                found.append(name)
+        return found
 
     def measure(self, task: Task) -> TaskOutcome:
         """Solve the three programs for one region and covariance."""
         name, condition = str(task.settings["region"]), float(task.settings["condition"])
-        region = member(self.regions, name)
+        region = self.regions[name] if name in self.regions else build("regions", name)
         assert isinstance(region, Convex)
         row: Row = {"region": name, "condition": condition, "declared": str(region.relation)}
         deviations = self._deviations(condition)

@@ -13,9 +13,9 @@ import numpy as np
 
 from ...framework import Fittable, Forecast, Predictor, WideberthError, build, names
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.recordings import usual_speed
 from ...framework.values.arrays import Array
 from ...metrics.statistics import known_mean
+from ...predictors.data.recordings import usual_speed
 from ...simulation.drawing.artists import outlines
 from ..drawing.plotting import COLOURS, LINES, PAGE, legend_below, style, subplots, title
 from ..engine.closed_loop import column, group

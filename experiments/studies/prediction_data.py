@@ -9,9 +9,9 @@ from typing import Literal, final
 import numpy as np
 
 from ...framework import Tracks, WideberthError, cut_windows
-from ...framework.tracking.recordings import Recording
-from ...framework.tracking.windows import IntArray
 from ...framework.values.arrays import Array, positive, whole
+from ...predictors.data.recordings import Recording
+from ...predictors.data.windows import IntArray
 from .crowd import DATA, SHIPPED, Kind, TrackFile, seconds
 from .jrdb import ROBOT_FRAME
 

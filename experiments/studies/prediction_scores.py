@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from ...framework import Adaptive, Forecast, Predictor
-from ...framework.tracking.recordings import STOOD, Recording, doubts
 from ...framework.values.arrays import Array, BoolArray
 from ...metrics.scoring import (
     covered,
@@ -26,6 +25,7 @@ from ...metrics.scoring import (
     trajectory_energy_score,
 )
 from ...metrics.statistics import known_mean
+from ...predictors.data.recordings import STOOD, Recording, doubts
 from ..engine.base import Row
 from ..engine.closed_loop import column, group
 from .fitting import AS_GIVEN, FITTED, UNFITTED

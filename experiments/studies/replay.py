@@ -8,9 +8,9 @@ import numpy as np
 
 from ...framework import Controller, Robot, WideberthError
 from ...framework.controller import fresh
-from ...framework.tracking.recordings import Recording, doubts
 from ...framework.values.arrays import positive
 from ...metrics.episode import approach
+from ...predictors.data.recordings import Recording, doubts
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
