@@ -110,7 +110,7 @@ class Walk:
     def radius(self, ray: Array, parameters: Array) -> Array:
         """Distance from the mean to the boundary along unit vectors, m.
 
-        By the secant where the region is signed, which takes about ten steps, else by bisection.
+        By SciPy's root finder where the region is signed, in about ten steps, else by bisection.
         """
         level, mean = np.asarray(self.level), self.obstacle.mean
         high = np.full(len(ray), float(self.axes[0] + self.margin + self.deviations[0]))
@@ -122,8 +122,16 @@ class Walk:
         else:
             raise self.refuse("has no boundary in some direction")
         if isinstance(self.region, Signed):
+            from scipy.optimize.elementwise import find_root
+
             distance = self.region.signed_distance
-            return _secant(lambda r: distance(mean + r[:, None] * ray, parameters, level), high)
+
+            def outside(r: Array, number: Array) -> Array:
+                along = ray[number.astype(np.int64)]
+                return distance(mean + r[:, None] * along, parameters, level)
+
+            ends = np.zeros(len(ray)), high
+            return np.asarray(find_root(outside, ends, args=(np.arange(len(ray)),)).x)
         low = np.zeros(len(ray))
         for _ in range(52):
             middle = 0.5 * (low + high)
@@ -190,27 +198,6 @@ def start(region: Region, obstacle: GaussianObstacle, margin: float, level: floa
     if not region.contains(obstacle.mean[None], parameters, np.asarray(level)).all():
         raise walk.refuse("is empty or does not hold the mean")
     return walk
-
-
-def _secant(value: Callable[[Array], Array], high: Array) -> Array:
-    """Root between 0, where the value is negative, and ``high``: the Illinois method."""
-    low, near, reach = np.zeros_like(high), high.copy(), high.copy()
-    below, above = value(low), value(high)
-    side = np.zeros(len(high))
-    for _ in range(100):
-        gap = above - below
-        share = np.divide(-below, gap, out=np.full_like(high, 0.5), where=gap > 0)
-        near = low + share * (high - low)
-        found = value(near)
-        if (np.abs(found) <= 1e-14 * reach).all() or (high - low <= 4e-16 * reach).all():
-            break
-        inside = found < 0
-        # The end that stays twice counts half, so that both ends move.
-        above = np.where(inside, np.where(side < 0, 0.5 * above, above), found)
-        below = np.where(inside, found, np.where(side > 0, 0.5 * below, below))
-        low, high = np.where(inside, near, low), np.where(inside, high, near)
-        side = np.where(inside, -1.0, 1.0)
-    return near
 
 
 _STEPS = 32

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from ...framework.predictor import Filtering, Fittable
 from ...framework.values.beliefs import Beliefs
@@ -15,7 +15,9 @@ from .pattern_search import Powers, fit_numbers
 class MotionFilter(Filtering, Fittable):
     """Filters all obstacles at once under a `Motion`, and rolls it out over the horizon."""
 
-    noise_floor: float
+    if TYPE_CHECKING:
+        noise_floor: float  # a field of each subclass, which owns it as an option
+
     _name: ClassVar[str]
     _scaled: ClassVar[Powers]
     """What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
