@@ -1,6 +1,5 @@
 """The paper's predictor: a vector autoregression on each obstacle's velocities."""
 
-import importlib
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias, final
 
@@ -180,7 +179,7 @@ class VectorAutoregression(Predictor):
         checked_choice("var.backend", self.backend, Literal["batched", "statsmodels"])
         if self.backend == "statsmodels":
             # It takes seconds, which no decision should.
-            importlib.import_module("statsmodels.tsa.vector_ar.var_model")
+            import statsmodels.tsa.vector_ar.var_model  # noqa: F401
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
