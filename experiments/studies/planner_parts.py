@@ -275,7 +275,7 @@ def _drove_into(first: DrawnAgent, second: DrawnAgent) -> bool:
     return bool(touched.size) and any(log.speeds[touched[0]] >= STILL for log in robots)
 
 
-SAMPLE = 60
+SAMPLE = 200
 """Forecasts of an episode, of one obstacle at one step, over which areas are taken."""
 
 
@@ -298,8 +298,10 @@ def area_ratio(episode: Episode, region: Region, tail: float) -> float | None:
             radii.append(np.repeat(margins, len(means[-1]) // len(margins)))
     if not means:
         return None
-    every = slice(None, None, max(sum(map(len, means)) // SAMPLE, 1))
-    mean, covariance, radius = (np.concatenate(o)[every] for o in (means, covariances, radii))
+    chosen = np.random.default_rng(0).permutation(sum(map(len, means)))[:SAMPLE]
+    mean, covariance, radius = (
+        np.concatenate(parts)[chosen] for parts in (means, covariances, radii)
+    )
     obstacle, exact, size = GaussianObstacle(mean, covariance), MinkowskiSum(), mean.shape[-1]
     try:
         areas = [
