@@ -215,8 +215,10 @@ MEANS = ("promised", "kept", "area_ratio", "iterations")
 
 
 def _extra(own: list[Row], base: list[Row], name: str) -> float:
-    """Median over seeds of the relative excess over the paired row."""
-    return float(np.median(paired(own, base, name) / paired(base, own, name) - 1.0))
+    """Median of the relative excess over the seeds at which the reference has a finite value."""
+    values, others = paired(own, base, name), paired(base, own, name)
+    known = np.isfinite(others)
+    return float(np.median(values[known] / others[known] - 1.0)) if known.any() else np.nan
 
 
 def manner(episode: Episode) -> Row:
@@ -242,7 +244,7 @@ def held(episode: Episode, controller: Controller, tail: float) -> Row:
     planner, full, ratio = planner_behind(controller), -np.inf, None
     if planner is not None:
         level = level_of(planner.region, planner.level.promise, tail, planner.robot.dimension)
-        full, ratio = level - 1e-4, area_ratio(episode, planner.region, tail, planner.margin)
+        full, ratio = level - 1e-4, area_ratio(episode, planner.region, tail)
     return {
         "area_ratio": ratio,
         "entered": sum(plan.rung in (Rung.LEAST, Rung.BRAKE) for plan in plans),
@@ -262,33 +264,33 @@ def _drove_into(first: DrawnAgent, second: DrawnAgent) -> bool:
     return bool(touched.size) and any(log.speeds[touched[0]] >= STILL for log in robots)
 
 
-SAMPLE = 60
+SAMPLE = 200
 """Forecasts of an episode, of one obstacle at one step, over which areas are taken."""
 
 
-def area_ratio(episode: Episode, region: Region, tail: float, margin: float) -> float | None:
+def area_ratio(episode: Episode, region: Region, tail: float) -> float | None:
     """Median area of a region over the exact sum's, for forecasts of the plans.
 
-    Both have the content 1 - tail before they are enlarged; ``margin`` m is added to the radii.
+    Both have the content 1 - tail before they are enlarged, as far as the plan's was.
 
     Returns
     -------
     None without a forecast, and where the region is not defined for one of them.
     """
     means, covariances, radii = [], [], []
-    for log in episode.robots:
-        for plan in log.plans:
-            if plan.forecast is not None and len(plan.tracked):
-                size = plan.forecast.mean.shape[-1]
-                bodies = [episode.agent(name).radius + log.radius for name in plan.tracked]
-                means.append(plan.forecast.mean.reshape(-1, size))
-                covariances.append(plan.forecast.covariance.reshape(-1, size, size))
-                each = plan.forecast.mean[..., 0].size // len(bodies)
-                radii.append(np.repeat(bodies, each) + margin)
+    for plan in (plan for log in episode.robots for plan in log.plans):
+        if plan.forecast is not None and plan.situation is not None and len(plan.tracked):
+            size = plan.forecast.mean.shape[-1]
+            means.append(plan.forecast.mean.reshape(-1, size))
+            covariances.append(plan.forecast.covariance.reshape(-1, size, size))
+            margins = plan.situation.radii + plan.situation.room
+            radii.append(np.repeat(margins, len(means[-1]) // len(margins)))
     if not means:
         return None
-    every = slice(None, None, max(sum(map(len, means)) // SAMPLE, 1))
-    mean, covariance, radius = (np.concatenate(o)[every] for o in (means, covariances, radii))
+    chosen = np.random.default_rng(0).permutation(sum(map(len, means)))[:SAMPLE]
+    mean, covariance, radius = (
+        np.concatenate(parts)[chosen] for parts in (means, covariances, radii)
+    )
     obstacle, exact, size = GaussianObstacle(mean, covariance), MinkowskiSum(), mean.shape[-1]
     try:
         areas = [

@@ -268,10 +268,10 @@ def test_every_region_flies(name: str, flight: PlannerParts) -> None:
 def test_all_sums_are_one_ball_under_round_covariances(
     episode: Episode, flight: PlannerParts
 ) -> None:
-    assert area_ratio(episode, MahalanobisEllipse(), 0.05, 0.1) == pytest.approx(1.0, abs=1e-6)
+    assert area_ratio(episode, MahalanobisEllipse(), 0.05) == pytest.approx(1.0, abs=1e-6)
     other = flown(flight, predictor=load("predictors", "var")(), solver=Riccati())
-    assert area_ratio(other, MahalanobisEllipse(), 0.05, 0.1) < 0.98  # inside the sum
-    assert area_ratio(other, MinimumArea(), 0.05, 0.1) > 1.0  # around it
+    assert area_ratio(other, MahalanobisEllipse(), 0.05) < 0.98  # inside the sum
+    assert area_ratio(other, MinimumArea(), 0.05) > 1.0  # around it
 
 
 def test_ellipsoid_and_expectation(episode: Episode) -> None:
