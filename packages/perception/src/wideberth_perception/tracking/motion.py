@@ -24,23 +24,24 @@ def carried(state: Array, covariance: Array, dt: float, density: float) -> tuple
     dt : s.
     density : q, m^2/s^3, of white acceleration.
     """
+    from filterpy.kalman import predict
+
     moved = np.eye(4) + dt * np.eye(4, k=2)
     span = abs(dt)
     axis = np.array([[span**3 / 3.0, dt * span / 2.0], [dt * span / 2.0, span]])
-    grown = moved @ covariance @ moved.T + density * np.kron(axis, np.eye(2))
-    return moved @ state, 0.5 * (grown + grown.T)
+    state, grown = predict(state, covariance, F=moved, Q=density * np.kron(axis, np.eye(2)))
+    return state, 0.5 * (grown + grown.T)
 
 
 def corrected(state: Array, covariance: Array, place: Array, noise: Array) -> tuple[Array, Array]:
     """Update a state by a measured position, (2,), with covariance R, (2, 2).
 
-    K = P H' (H P H' + R)^-1,   P <- (I - K H) P (I - K H)' + K R K'   (Joseph's form)
+    K = P H' (H P H' + R)^-1,   P <- (I - K H) P (I - K H)' + K R K'   (Joseph's form, filterpy's)
     """
-    gain = np.linalg.solve(covariance[:2, :2] + noise, covariance[:2]).T
-    kept = np.eye(4)
-    kept[:, :2] -= gain
-    spread = kept @ covariance @ kept.T + gain @ noise @ gain.T
-    return state + gain @ (place - state[:2]), 0.5 * (spread + spread.T)
+    from filterpy.kalman import update
+
+    state, spread = update(state, covariance, place, noise, H=np.eye(2, 4))
+    return state, 0.5 * (spread + spread.T)
 
 
 def in_order(sightings: Sightings) -> Sightings:
