@@ -21,6 +21,13 @@ SHARED = ("recommended",)
 class Loader(yaml.SafeLoader):
     """PyYAML's safe loader with YAML 1.2's floats, no key twice, and ``<<: NAME``."""
 
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose a node as PyYAML does; refuse an alias within what it names."""
+        node: Any = super().compose_node(parent, index)
+        if node.end_mark is None:  # it is being composed
+            self.refuse(node, "this holds an alias to itself")
+        return node
+
     def compose_mapping_node(self, anchor: Any) -> Any:
         """Compose a mapping as PyYAML does, and check its keys."""
         node: Any = super().compose_mapping_node(anchor)

@@ -250,6 +250,7 @@ def test_yaml_numbers_and_duplicates() -> None:
         ),
         (b"a: 'b", "line 1, column 6 is not YAML: the text ends; is a quotation mark left open"),
         (b"a: *b", "line 1, column 4 is not YAML: found undefined alias"),
+        (b"a: &b [*b]", "line 1, column 4 is not YAML: this holds an alias to itself"),
     ],
 )
 def test_unreadable_configs(tmp_path: Path, content: bytes, message: str) -> None:
