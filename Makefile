@@ -107,7 +107,7 @@ acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/ac
 	  wheel/acados/install/bin . && cd interfaces/acados_template && \
 	  ln -s ../../wheel/acados/acados_template .
 
-fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more; of PART="..." alone)
+fuzz: .venv/ready       ## absurd input for planners, predictors and configs (an hour or more; of PART="..." alone)
 	$(BIN)/python -m pytest -q -n $(WORKERS) --hypothesis-profile=fuzz -m "slow or not slow" \
 	  tests/fuzz -k "$(PART)"
 

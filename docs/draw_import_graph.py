@@ -74,6 +74,7 @@ def draw(found: grimp.ImportGraph, file: Path) -> None:
         nx.draw_networkx(
             parts, layout(parts), ax=panel, node_color="none", node_size=700, edge_color="0.45",
             font_size=9, font_family="monospace", connectionstyle="arc3,rad=0.06",
+            min_source_margin=14, min_target_margin=18,
             bbox={"boxstyle": "round", "facecolor": "0.92"},
         )  # fmt: skip
     figure.savefig(file, dpi=80)

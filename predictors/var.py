@@ -1,7 +1,7 @@
 """The paper's predictor: a vector autoregression on each obstacle's velocities."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeAlias, final
+from typing import Any, ClassVar, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -177,8 +177,15 @@ class VectorAutoregression(Predictor):
         checked_choice("var.covariance", self.covariance, Covariance)
         checked_choice("var.integration", self.integration, Integration)
         checked_choice("var.backend", self.backend, Literal["batched", "statsmodels"])
+        self._import()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._import()
+
+    def _import(self) -> None:
+        """Import what a fit needs: it takes seconds, which no decision should."""
         if self.backend == "statsmodels":
-            # It takes seconds, which no decision should.
             import statsmodels.tsa.vector_ar.var_model  # noqa: F401
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:

@@ -36,10 +36,9 @@ class Contouring(ProgressCost):
     The references reward progress linearly; a quadratic has its optimum at v_ref, so that no
     bound on the rate has to be active all the time. The curve rounds the corners of the path, see
     `wideberth.controllers.costs.curve`: one curve for all starting points of a call and, of one
-    path,
-    for all calls, where lines laid at the guess's theta would price each start differently and
-    lead straight on past a corner at which the robot has waited. The point stops at
-    the goal, and theta runs on at no price.
+    path, for all calls, where lines laid at the guess's theta would price each start differently
+    and lead straight on past a corner at which the robot has waited. The point stops at the goal,
+    and theta runs on at no price.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ folder itself: `NAMES`, the folders of tasks, the files that these name, and the
 of a task.
 """
 
+import errno
 import os
 import re
 import shutil
@@ -124,10 +125,11 @@ def locked(out: Path) -> Iterator[None]:
                 f"another run is at work in {out}; let it finish, stop it, or give another "
                 "folder with --out"
             ) from None
-        except NotImplementedError:  # a disk without locks
+        except NotImplementedError:  # a system without locks
             pass
         except OSError as error:
-            raise _unwritable(out, error) from None
+            if error.errno not in (errno.ENOLCK, errno.ENOTSUP):  # a disk without them
+                raise _unwritable(out, error) from None
         yield
 
 

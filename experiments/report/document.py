@@ -10,11 +10,11 @@ from ...framework.plugins.io import check_target, read_json, write_text
 from ...framework.plugins.registry import as_data
 from ...framework.values.errors import WideberthError
 from ..engine.csv_tables import read_table
-from ..engine.extract import markdown_text, of_rows, study_of
+from ..engine.extract import answering, markdown_text, of_rows, study_of
 from ..engine.inside import files_inside, inside
 from ..engine.result import condense_times
 from ..engine.runner import draw, reopened
-from ..engine.text_tables import columns_of, markdown_table, plain
+from ..engine.text_tables import markdown_table, plain
 
 MARK = "<!-- tables of a report by wideberth -->"
 """First line of the Markdown: a file that holds it may be replaced."""
@@ -56,7 +56,9 @@ def _section(folder: Path, out: Path) -> str:
         draw(folder)
     summary = read_table(inside(folder, "summary.csv"))
     blocks = [f"## {plain(result.name)}", plain(experiment.claim if experiment else "")]
-    blocks.append(markdown_text(of_rows(study_of(folder), summary, columns_of(summary))))
+    blocks.append(
+        markdown_text(of_rows(study_of(folder), summary, answering(study_of(folder), summary)))
+    )
     for path in files_inside(folder, "figures"):
         if path.suffix in (".png", ".gif"):
             place = Path(os.path.relpath(path, out.parent)).as_posix()

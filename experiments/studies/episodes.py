@@ -34,9 +34,6 @@ class SeededStudy(GridStudy):
     tail : 1 - content that forecasts and levels are measured against, and of the drawn regions.
     """
 
-    """Captions of the figures that show one episode each."""
-    """Caption of the views of two robots."""
-
     seeds: int = 20
     first_seed: int = 0
     tail: float = 0.05

@@ -65,7 +65,7 @@ class PlannerParts(PlacesStudy):
       from its path; medians over the seeds.
     - ``area_ratio``: median area (in space volume) of the planner's region over that of the exact
       sum of the same tail, for forecasts that the plans met; mean over the seeds.
-    - ``iterations``: mean number of the solver's per plan.
+    - ``iterations``: mean number of solver iterations per plan.
 
     Where covariances are round (a Kalman filter with the same noise in all directions) the paper's
     ellipse, its repairs, the outer forms and the exact sum are one and the same disc.
@@ -80,8 +80,8 @@ class PlannerParts(PlacesStudy):
     """
 
     claim: ClassVar[str] = (
-        "Which predictor, region, level policy and cost does a planner need, and what does each "
-        "of them keep and cost in the same situations?"
+        "What does each variant of a planner's parts (predictor, region, level policy, cost) keep "
+        "and cost in the same situations?"
     )
     reference: ClassVar[str] = SOURCES
     printed: ClassVar[tuple[str, ...]] = (

@@ -125,6 +125,13 @@ def describe(plugin: Any) -> dict[str, Any]:
     room = room_of(found)
     head = {} if room is None else {"type": name_of(room, found)}
     fields = [field for field in dataclasses.fields(plugin) if field.init]
+    for field in fields:
+        target, value = field.metadata.get(IMPLEMENTED), getattr(plugin, field.name)
+        if target and value is not None and type(value) is not named(target, (target,)):
+            raise WideberthError(
+                f"{field.name} is {short(value)}, which no config can state; wanted None or "
+                f"{target.partition(':')[2]}"
+            )
     return {**head, **{field.name: _plain(getattr(plugin, field.name)) for field in fields}}
 
 

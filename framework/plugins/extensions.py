@@ -119,8 +119,9 @@ def absent(kind: str, name: str) -> str:
 
 def cure(module: str) -> str:
     """Return how to install the package of this repository that has a module; else empty."""
-    extra = module.partition(".")[0].removeprefix("wideberth_")
-    return f": {installation(extra)}" if extra in known_packages() else ""
+    known = {f"wideberth_{extra}": extra for extra in known_packages()}
+    extra = known.get(module.partition(".")[0])
+    return f": {installation(extra)}" if extra else ""
 
 
 def extension_files(module: str) -> list[Path]:

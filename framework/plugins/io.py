@@ -19,19 +19,23 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 64 * 2**20
 """Bytes of a file that is read whole into memory."""
+DEEPEST = 60
+"""Lists and mappings inside each other in a JSON file."""
 LARGEST_ARRAYS = 2**30
 """Bytes of the arrays in one archive."""
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the content of a file of at most ``most`` bytes.
+    """Return the content of a regular file of at most ``most`` bytes.
 
     Raises
     ------
-    WideberthError : it cannot be read, or is larger.
+    WideberthError : it cannot be read, is larger, or is a pipe or a device, which may never end.
     """
     path = Path(path)
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise WideberthError(f"{path} cannot be read: it is a pipe or a device; wanted a file")
         if (size := path.stat().st_size) > most:
             raise WideberthError(
                 f"{path} cannot be read: it has {size} bytes; wanted at most {most}"
@@ -76,14 +80,23 @@ def parse_json(text: str, place: str) -> Any:
 
     Raises
     ------
-    WideberthError : no JSON.
+    WideberthError : no JSON, or lists and mappings nested more than `DEEPEST` deep.
     """
+    deep = f"{place} cannot be read as JSON: it is nested more than {DEEPEST} deep"
     try:
-        return json.loads(text)
+        value = json.loads(text)
     except RecursionError:
-        raise WideberthError(f"{place} cannot be read as JSON: it is nested too deep") from None
+        raise WideberthError(deep) from None
     except ValueError as error:
         raise WideberthError(f"{place} cannot be read as JSON: {error}") from None
+    level, depth = [value], 0
+    while level := [one for one in level if isinstance(one, dict | list)]:
+        if (depth := depth + 1) > DEEPEST:
+            raise WideberthError(deep)
+        level = [
+            inner for one in level for inner in (one.values() if isinstance(one, dict) else one)
+        ]
+    return value
 
 
 def read_arrays(data: bytes, place: str) -> dict[str, "np.ndarray[Any, Any]"]:

@@ -14,6 +14,9 @@ from .io import read_text
 _AMBIGUOUS = re.compile(r"[-+]?(?:0[0-9_]+|0b[01_]+|.*[_:].*)")
 """Numbers of YAML 1.1 that are other numbers or text in YAML 1.2: 010 is 8 or 10, 1:30 is 90."""
 
+MOST_VALUES = 10**6
+"""Values that a file may stand for, where each alias counts as often as it stands."""
+
 SHARED = ("recommended",)
 """Names of the settings that configs share: ``framework/NAME.yaml``."""
 
@@ -22,10 +25,20 @@ class Loader(yaml.SafeLoader):
     """PyYAML's safe loader with YAML 1.2's floats, no key twice, and ``<<: NAME``."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node as PyYAML does; refuse an alias within what it names."""
+        """Compose a node as PyYAML does; refuse an alias to itself, and aliases of aliases."""
         node: Any = super().compose_node(parent, index)
         if node.end_mark is None:  # it is being composed
             self.refuse(node, "this holds an alias to itself")
+        if hasattr(node, "values"):  # an alias
+            return node
+        inner = node.value if isinstance(node, yaml.CollectionNode) else ()
+        entries = (entry if isinstance(entry, tuple) else (entry,) for entry in inner)
+        node.values = 1 + sum(getattr(one, "values", 1) for entry in entries for one in entry)
+        if node.values > MOST_VALUES:
+            self.refuse(
+                node,
+                f"this stands for more than {MOST_VALUES} values and keys, each alias counted",
+            )
         return node
 
     def compose_mapping_node(self, anchor: Any) -> Any:
@@ -76,7 +89,7 @@ class Loader(yaml.SafeLoader):
             )  # fmt: skip
         try:
             value = yaml.SafeLoader.yaml_constructors[node.tag](self, node)
-        except (ValueError, OverflowError, KeyError, AttributeError):
+        except (ValueError, OverflowError, KeyError, AttributeError, IndexError):
             self.refuse(node, wrong)
         if isinstance(value, float) and isinf(value) and "inf" not in text.lower():
             self.refuse(node, f"{text} is too large for a number; infinity is written .inf")

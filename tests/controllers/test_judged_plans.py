@@ -14,14 +14,16 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.instance import Instance
+from wideberth.framework.mpc.planner.judge import ByCost
 from wideberth.framework.mpc.planner.multistart import MultiStartResult
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.rungs import Fallback
 from wideberth.framework.mpc.solver import Solution, Solver
-from wideberth.framework.plugins.config import build
+from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Command, Detection, Observation
 from wideberth.framework.values.path import Path
@@ -285,3 +287,9 @@ def test_a_solution_that_cannot_be_driven_does_not_displace_a_manoeuvre(value: f
     plan = planner.plan
     assert plan is not None and plan.rung is Rung.FEASIBLE
     assert plan.violation <= TOLERANCE and command.linear[0] > 0.5
+
+
+def test_a_judge_that_no_config_states_is_not_described_as_another() -> None:
+    planner = build("controllers", {"type": "recommended", "robot": "unicycle"})
+    with pytest.raises(WideberthError, match=r"expected_contact is .*; wanted None or Expected"):
+        describe(replace(planner, expected_contact=ByCost()))

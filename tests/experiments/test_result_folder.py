@@ -1,6 +1,7 @@
 """Nothing in a result's folder is removed or overwritten but files that a run wrote there."""
 
 import contextlib
+import errno
 import json
 import os
 import shutil
@@ -8,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import filelock
 import pytest
 
 from wideberth.experiments.engine import result_folder, runner
@@ -293,3 +295,15 @@ def test_a_run_changes_nothing_while_another_is_at_work(
         with pytest.raises(WideberthError, match=r"another run is at work in .*--out"):
             run(coins(fails=True, **other), out, fresh=fresh)
         assert tree(out) == before
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOTSUP])
+def test_a_disk_without_locks_holds_results(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(filelock.FileLock, "acquire", refuse)
+    run(coins(), tmp_path / "out")
+    assert (tmp_path / "out" / "table.csv").is_file()

@@ -1,5 +1,9 @@
 """The batched least squares of the VAR family against textbook, statsmodels and eigenvalues."""
 
+import pickle
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -167,3 +171,10 @@ def test_a_floor_under_the_radius_changes_nothing_above_it(size, order):
     assert 50 < (exact < 0.9).sum() < 350
     np.testing.assert_array_equal(floored[exact >= 0.9], exact[exact >= 0.9])
     assert (floored[exact < 0.9 - 1e-3] == 0.9).all()
+
+
+def test_a_copy_in_another_process_has_its_library_before_it_forecasts() -> None:
+    """The import takes seconds, which would be the first decision's."""
+    text = pickle.dumps(VectorAutoregression(backend="statsmodels"))
+    code = f"import pickle, sys; pickle.loads({text!r}); assert 'statsmodels' in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

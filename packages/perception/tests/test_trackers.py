@@ -98,6 +98,15 @@ def test_the_filter_equals_its_information_form() -> None:
         np.testing.assert_allclose(spread, np.linalg.inv(information), rtol=1e-7, atol=1e-11)
 
 
+def test_a_measurement_without_spread_changes_nothing() -> None:
+    """filterpy would go on with NaN; a track must be there at the next scan."""
+    state, spread = np.array([1.0, 2.0, 0.5, -0.5]), np.diag([0.0, 0.0, 0.2, 0.2])
+    for noise in (np.zeros((2, 2)), np.diag([0.01, 0.0]), np.full((2, 2), np.nan)):
+        found = corrected(state, spread, np.array([3.0, 4.0]), noise)
+        np.testing.assert_array_equal(found[0], state)
+        np.testing.assert_array_equal(found[1], spread)
+
+
 def test_time_backwards_undoes_the_motion_and_adds_noise() -> None:
     state, spread = np.array([1.0, 2.0, 0.5, -0.5]), np.diag([0.1, 0.1, 0.2, 0.2])
     back, wide = carried(*carried(state, spread, 0.3, 0.0), -0.3, 0.0)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +22,11 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.predictors.data.recordings import read_robot_log, read_tracks
 from wideberth.simulation.log.episode_log import Episode
 
+BOMB = "a0: &a0 [1, 1, 1]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n" for k in range(1, 9)
+)
+"""Eight lists of ten aliases each: a hundred million values."""
+
 
 @pytest.mark.parametrize(
     ("text", "words"),
@@ -29,6 +35,8 @@ from wideberth.simulation.log.episode_log import Episode
         ("{a: " * 100_000, r"nested too deep"),
         ("- " * 50_000 + "1", r"nested too deep"),
         ("a: *b", r"undefined alias"),
+        ("a: &a {b: *a}", r"line 1, column 4.*holds an alias to itself"),
+        (BOMB, r"line 7, column 5.*stands for more than 1000000 values"),
         ("a: " + "7" * 5001, r"'777.*is no number that can be held"),
         ("a: " + "1:" * 100_000 + "1", r"is not the same number to all readers of YAML"),
         ("a: 1e9999", r"column 4.*1e9999 is too large for a number; infinity is written \.inf"),
@@ -85,7 +93,8 @@ def test_overrides(override: str, words: str) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[" * 200_000, r"nested too deep"),
+        ("[" * 200_000, r"nested more than 60 deep"),
+        ("[" * 61 + "]" * 61, r"nested more than 60 deep"),
         ('{"version": ' + "1" * 5001 + "}", r"cannot be read as JSON"),
         ('{"format": "' + "x" * 10**6 + '"}', r"has format 'xxx"),
         ('{"format": "wideberth/plugin", "version": [[]]}', r"has version \[\[\]\]"),
@@ -113,6 +122,13 @@ def test_files_that_are_too_large(tmp_path: Path) -> None:
     for read in readers:
         with pytest.raises(WideberthError, match=r"has 2147483648 bytes; wanted at most"):
             read(tmp_path / "large")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_a_pipe_is_no_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(WideberthError, match="it is a pipe or a device; wanted a file"):
+        read_config(tmp_path / "pipe")
 
 
 @pytest.mark.parametrize(
@@ -160,7 +176,7 @@ def bomb() -> bytes:
         (archive(), r"it has no array 'meta'"),
         (archive(meta=np.zeros(3)), r"not a saved episode"),
         (archive(numbers=np.zeros(3), meta=np.array([{"a": 1}])), r"damaged npz archive"),
-        (archive(meta=np.frombuffer(b"[" * 9999, np.uint8), numbers=np.zeros(1)), r"nested too"),
+        (archive(meta=np.frombuffer(b"[" * 9999, np.uint8), numbers=np.zeros(1)), r"nested more"),
         (described(), r"episode is damaged \(KeyError: 'polygons'\)"),
         (described(times=3, agents=[]), r"episode is damaged"),
         (described(times={"at": 0, "shape": [10**9, 10**9]}, agents=[]), r"episode is damaged"),

@@ -197,3 +197,9 @@ def test_an_entry_point_that_another_name_registers_is_refused(
     with pytest.raises(WideberthError, match=r"'ours' of the distribution 'fancy-p.*as 'mine'"):
         load("predictors", "ours")
     assert load("predictors", "mine").__name__ == "Mine"
+
+
+def test_a_module_of_that_name_is_no_package_of_this_repository() -> None:
+    """`core` has a table of moved modules beside the packages, and no extra."""
+    assert extensions.cure("core") == extensions.cure("core.box") == extensions.cure("nav2") == ""
+    assert extensions.cure("wideberth_nav2.server").startswith(": ")

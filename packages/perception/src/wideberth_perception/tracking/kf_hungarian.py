@@ -75,6 +75,8 @@ class KfHungarian(Tracker):
             positive(f"kf_hungarian.{name}", getattr(self, name))
         positive("kf_hungarian.slowest", self.slowest, zero=True)
         whole("kf_hungarian.missed", self.missed)
+        import filterpy.kalman  # noqa: F401  # it takes a second, which no scan should
+
         self.reset()
 
     def reset(self) -> None:

@@ -37,9 +37,14 @@ def corrected(state: Array, covariance: Array, place: Array, noise: Array) -> tu
     """Update a state by a measured position, (2,), with covariance R, (2, 2).
 
     K = P H' (H P H' + R)^-1,   P <- (I - K H) P (I - K H)' + K R K'   (Joseph's form, filterpy's)
+
+    A measurement whose H P H' + R is singular or no number says nothing new: the state stays.
     """
     from filterpy.kalman import update
 
+    (first, shared), (_, second) = covariance[:2, :2] + noise
+    if not first * second > shared**2:  # filterpy would go on with NaN
+        return state, covariance
     state, spread = update(state, covariance, place, noise, H=np.eye(2, 4))
     return state, 0.5 * (spread + spread.T)
 

@@ -120,6 +120,8 @@ class Nearest(Tracker):
     def __post_init__(self) -> None:
         positive("nearest.acceleration_density", self.acceleration_density)
         whole("nearest.window", self.window, least=NEEDED)
+        import filterpy.kalman  # noqa: F401  # it takes a second, which no scan should
+
         self.reset()
 
     def reset(self) -> None:
