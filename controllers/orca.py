@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import hypot
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -13,7 +13,10 @@ from ..people.models import Reciprocal
 from .reactive import Reactive
 from .steering import steer, top_speed, velocity_of
 
-_NEEDS = ("pyrvo", "arenas", "orca needs the library pyrvo")
+
+def _pyrvo() -> Any:
+    """Return the library RVO2 for Python."""
+    return from_extra("pyrvo", "arenas", "orca needs the library pyrvo")
 
 
 @final
@@ -72,7 +75,7 @@ class Orca(Reactive):
 
     def __post_init__(self) -> None:
         whole("orca.most_neighbours", self.most_neighbours)
-        from_extra(*_NEEDS)
+        _pyrvo()
         super().__post_init__()
 
     def decide(self, observation: Observation, place: Array) -> Command:
@@ -93,7 +96,7 @@ class Orca(Reactive):
         """Ask the library, (2,), m/s."""
         _, places, velocities, radii = self._neighbours.now()
         horizons = self.time_horizon, self.obstacle_horizon
-        world = from_extra(*_NEEDS).RVOSimulator(
+        world = _pyrvo().RVOSimulator(
             self.period, self.neighbour_distance, self.most_neighbours, *horizons, 0.0, self._limit
         )
         sight = self.neighbour_distance, self.most_neighbours, *horizons

@@ -242,7 +242,7 @@ def test_yaml_numbers_and_duplicates() -> None:
         (b"a: [1,\n", "line 2, column 1 is not YAML"),
         (b"a: 1\nb: \x00", r"line 2, column 4 is not YAML: the character U\+0000 is not allowed"),
         (b"a: {b: 1\nc: 2\n", r"line 2, column 2 is not YAML.* that begins in line 1, column 4$"),
-        (b"a: 1\n\tb: 2", "line 2, column 1 is not YAML: a tab stands here; indent with blanks$"),
+        (b"a: 1\n\tb: 2", "line 2, column 1 is not YAML: a tab stands here; write blanks$"),
         (b"a: b: c", "line 1, column 5 is not YAML: a key cannot stand here; is its line indent"),
         (
             b"a: 1\nb\nc: 2",
