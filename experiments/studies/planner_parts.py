@@ -32,7 +32,7 @@ from ...simulation.measures.summary import robot_rows
 from ..drawing.plotting import PAGE, subplots, title
 from ..drawing.shaded_tables import shaded
 from ..engine.closed_loop import column, condense, group, log_name
-from .episode_statistics import ANSWERS, SOURCES, against, condensed, paired
+from .episode_statistics import SOURCES, against, condensed, paired
 from .episodes import PlacesStudy, check_robots, measured
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced, rounded
 from .replay import STILL
@@ -85,8 +85,8 @@ class PlannerParts(PlacesStudy):
     )
     reference: ClassVar[str] = SOURCES
     printed: ClassVar[tuple[str, ...]] = (
-        *ANSWERS[:-1],
-        *("extra_time", "kept", "driven_below", "peak_speed", "errors"),
+        *("episodes", "success", "p_success", "collision", "time_mean_s", "extra_time"),
+        *("clearance_median_m", "kept", "driven_below", "peak_speed", "errors"),
     )
 
     planner: Controller

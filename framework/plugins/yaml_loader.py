@@ -17,12 +17,44 @@ _AMBIGUOUS = re.compile(r"[-+]?(?:0[0-9_]+|0b[01_]+|.*[_:].*)")
 MOST_VALUES = 10**6
 """Values that a file may stand for, where each alias counts as often as it stands."""
 
+_BREAKS = "\0\r\n\x85\u2028\u2029"
+
 SHARED = ("recommended",)
 """Names of the settings that configs share: ``framework/NAME.yaml``."""
 
 
 class Loader(yaml.SafeLoader):
-    """PyYAML's safe loader with YAML 1.2's floats, no key twice, and ``<<: NAME``."""
+    """PyYAML's safe loader with YAML 1.2's floats and tabs, no key twice, and ``<<: NAME``."""
+
+    def scan_to_next_token(self) -> None:
+        """Pass over what separates tokens, as PyYAML does, and over tabs, which do not indent."""
+        super().scan_to_next_token()
+        while self.peek() == "\t" and (count := self._separating()):
+            self.forward(count)
+            super().scan_to_next_token()
+
+    def _separating(self) -> int:
+        """Count the blanks that begin with a tab; 0 where they would indent."""
+        count = self._blanks()
+        if not self.flow_level and self.allow_simple_key and self.peek(count) not in f"#{_BREAKS}":
+            if not self.buffer[self.pointer - self.column : self.pointer].strip(" "):
+                return 0
+            self.allow_simple_key = False  # no block of keys may begin behind `- ` and a tab
+        return count
+
+    def _blanks(self) -> int:
+        """Count the blanks and tabs that stand here."""
+        count = 0
+        while self.peek(count) in " \t":
+            count += 1
+        return count
+
+    def scan_plain_spaces(self, indent: int, start_mark: Any) -> list[str] | None:
+        """Return what separates the words of a text without quotes: tabs too."""
+        line, blanks = self.line, self.prefix(self._blanks())
+        self.forward(len(blanks))
+        chunks: list[str] | None = super().scan_plain_spaces(indent, start_mark)
+        return [blanks] if blanks and self.line == line else chunks
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose a node as PyYAML does; refuse an alias to itself, and aliases of aliases."""

@@ -91,7 +91,7 @@ def _loaded(text: str, place: str, loader: Callable[[str], Any]) -> Any:
 _PROBLEMS = {
     "mapping values are not allowed here": "a key cannot stand here; is its line indented too "
     "far, or does a text with ': ' lack quotes?",
-    "found character '\\t' that cannot start any token": "a tab stands here; write blanks",
+    "found character '\\t' that cannot start any token": "a tab stands here; indent with blanks",
     "could not find expected ':'": "a line without ':' where a key was wanted",
     "found unexpected end of stream": "the text ends; is a quotation mark left open?",
 }

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from wideberth.experiments.engine.base import Task, TaskOutcome
-from wideberth.experiments.engine.tasks import write_task
-from wideberth.framework.plugins import io
+from wideberth.experiments.engine.tasks import flush, write_task
 
 
 def test_all_of_a_task_is_on_the_disk_before_it_has_its_name(
@@ -45,7 +44,7 @@ def test_a_disk_that_flushes_no_folders_is_written(
         return fsync
 
     monkeypatch.setattr(os, "fsync", fails(22))
-    io.flush(tmp_path)
+    flush(tmp_path)
     monkeypatch.setattr(os, "fsync", fails(5))
     with pytest.raises(OSError, match=r"Input/output error"):
-        io.flush(tmp_path)
+        flush(tmp_path)

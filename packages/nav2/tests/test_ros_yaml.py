@@ -42,39 +42,3 @@ def test_many_keys_that_stand_twice_are_merged_soon(tmp_path: Path) -> None:
     file.write_text("".join(f"node: {{key{i}: 1}}\n" for i in range(2000)))
     value, _ = read_merged(file)
     assert len(value["node"]) == 2000
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("a:\t0.5", {"a": 0.5}),
-        ("a: 0.5\t# m", {"a": 0.5}),
-        ("a: 0.5 \t \nb:\t\n  c: 1\t\n", {"a": 0.5, "b": {"c": 1}}),
-        ("a\t:\t&x 3\nb:\t*x", {"a": 3, "b": 3}),
-        ("a: two\twords\t", {"a": "two\twords"}),
-        ("a: two\t\n  words", {"a": "two words"}),
-        ("-\t3\n- 4\t", [3, 4]),
-        ("a: 1\n\t\n \t# by hand\nb: 2", {"a": 1, "b": 2}),
-        ("a: [1,\t2\t,\n\t3]\t# three", {"a": [1, 2, 3]}),
-        ("{a:\t1\t,\tb: 2\t}", {"a": 1, "b": 2}),
-        ("a: '\tx'", {"a": "\tx"}),
-    ],
-)
-def test_tabs_separate(text: str, value: object, tmp_path: Path) -> None:
-    file = tmp_path / "params.yaml"
-    file.write_text(text if isinstance(value, dict) else f"a:\n{text}")
-    assert read_merged(file)[0] == (value if isinstance(value, dict) else {"a": value})
-
-
-@pytest.mark.parametrize("text", ["a:\n\tb: 1", "\ta: 1", "a: 1\n  \tb: 2", "-\t- 1", "-\ta: 1"])
-def test_tabs_do_not_indent(text: str, tmp_path: Path) -> None:
-    file = tmp_path / "params.yaml"
-    file.write_text(text)
-    with pytest.raises(WideberthError, match="is not YAML"):
-        read_merged(file)
-
-
-def test_a_line_of_tabs_is_read_in_one_go(tmp_path: Path) -> None:
-    blanks, file = "\t " * 100_000, tmp_path / "params.yaml"
-    file.write_text(f"a:{blanks}1\n{blanks}\nb: [1,{blanks}2]{blanks}")
-    assert read_merged(file)[0] == {"a": 1, "b": [1, 2]}

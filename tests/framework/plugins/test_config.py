@@ -242,7 +242,7 @@ def test_yaml_numbers_and_duplicates() -> None:
         (b"a: [1,\n", "line 2, column 1 is not YAML"),
         (b"a: 1\nb: \x00", r"line 2, column 4 is not YAML: the character U\+0000 is not allowed"),
         (b"a: {b: 1\nc: 2\n", r"line 2, column 2 is not YAML.* that begins in line 1, column 4$"),
-        (b"a: 1\n\tb: 2", "line 2, column 1 is not YAML: a tab stands here; write blanks$"),
+        (b"a: 1\n\tb: 2", "line 2, column 1 is not YAML: a tab stands here; indent with blanks$"),
         (b"a: b: c", "line 1, column 5 is not YAML: a key cannot stand here; is its line indent"),
         (
             b"a: 1\nb\nc: 2",
@@ -303,10 +303,35 @@ def test_plugins_are_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             import_plugins(wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("a:\t0.5", {"a": 0.5}),
+        ("a: 0.5\t# m", {"a": 0.5}),
+        ("a: 0.5 \t \nb:\t\n  c: 1\t\n", {"a": 0.5, "b": {"c": 1}}),
+        ("a\t:\t&x 3\nb:\t*x", {"a": 3, "b": 3}),
+        ("a: two\twords\t", {"a": "two\twords"}),
+        ("a: two\t\n  words", {"a": "two words"}),
+        ("-\t3\n- 4\t", [3, 4]),
+        ("a: 1\n\t\n \t# by hand\nb: 2", {"a": 1, "b": 2}),
+        ("a: [1,\t2\t,\n\t3]\t# three", {"a": [1, 2, 3]}),
+        ("{a:\t1\t,\tb: 2\t}", {"a": 1, "b": 2}),
+        ("a: '\tx'", {"a": "\tx"}),
+    ],
+)
+def test_tabs_separate(text: str, value: object) -> None:
+    assert parse(text, "c") == value
+
+
 @pytest.mark.parametrize("text", ["a:\n\tb: 1", "\ta: 1", "a: 1\n  \tb: 2", "-\t- 1", "-\ta: 1"])
 def test_tabs_do_not_indent(text: str) -> None:
     with pytest.raises(WideberthError, match="is not YAML"):
         parse(text, "c")
+
+
+def test_a_line_of_tabs_is_read_in_one_go() -> None:
+    blanks = "\t " * 100_000
+    assert parse(f"a:{blanks}1\n{blanks}\nb: [1,{blanks}2]{blanks}", "c") == {"a": 1, "b": [1, 2]}
 
 
 @pytest.mark.parametrize("text", ["010", "-007", "00", "0_7", "1_000", "1_000.5", "1:30", "1:30.5",

@@ -1,4 +1,4 @@
-"""Parameter files as ROS reads them: keys may stand twice, and tabs separate."""
+"""Parameter files as ROS reads them: keys may stand twice."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,8 +8,6 @@ import yaml
 
 from wideberth.framework import read_config
 from wideberth.framework.plugins.yaml_loader import Loader
-
-_BREAKS = "\0\r\n\x85\u2028\u2029"
 
 
 def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -32,7 +30,7 @@ def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
 
 
 class RosLoader(Loader):
-    """The loader of configs with YAML 1.2's tabs, and keys that may stand twice.
+    """The loader of configs, with keys that may stand twice.
 
     Parameters
     ----------
@@ -43,36 +41,6 @@ class RosLoader(Loader):
     def __init__(self, text: str, twice: dict[str, int]) -> None:
         super().__init__(text)
         self.twice: dict[str, int] = twice
-
-    def scan_to_next_token(self) -> None:
-        """Pass over what separates tokens, as PyYAML does, and over tabs, which do not indent."""
-        super().scan_to_next_token()
-        while self.peek() == "\t" and (count := self._separating()):
-            self.forward(count)
-            super().scan_to_next_token()
-
-    def _separating(self) -> int:
-        """Count the blanks that begin with a tab; 0 where they would indent."""
-        count = self._blanks()
-        if not self.flow_level and self.allow_simple_key and self.peek(count) not in f"#{_BREAKS}":
-            if not self.buffer[self.pointer - self.column : self.pointer].strip(" "):
-                return 0
-            self.allow_simple_key = False  # no block of keys may begin behind `- ` and a tab
-        return count
-
-    def _blanks(self) -> int:
-        """Count the blanks and tabs that stand here."""
-        count = 0
-        while self.peek(count) in " \t":
-            count += 1
-        return count
-
-    def scan_plain_spaces(self, indent: int, start_mark: Any) -> list[str] | None:
-        """Return what separates the words of a text without quotes: tabs too."""
-        line, blanks = self.line, self.prefix(self._blanks())
-        self.forward(len(blanks))
-        chunks: list[str] | None = super().scan_plain_spaces(indent, start_mark)
-        return [blanks] if blanks and self.line == line else chunks
 
     def entries(self, node: Any) -> Iterator[tuple[Any, Any]]:
         """Yield the entries of a mapping, one for each key."""
