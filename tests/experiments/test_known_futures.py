@@ -162,8 +162,9 @@ def test_another_solver_finds_the_same_costs(
     assert rows[0]["solved"] == rows[1]["solved"] == 1.0
     for name in ("cost", "cost_known", "cost_known_q05", "cost_known_q95"):
         # fatrop lets the slack of 15 steps fall to -1e-8 at a price of 1e5: 0.015; the table keeps
-        # four digits, here steps of 0.01
-        assert rows[0][name] == pytest.approx(rows[1][name], rel=1e-4, abs=0.02)
+        # four digits, and either may be rounded to the next one
+        digit = 10.0 ** (np.floor(np.log10(rows[1][name])) - 3)
+        assert rows[0][name] == pytest.approx(rows[1][name], abs=0.02 + digit)
 
 
 def test_rows_and_files_are_those_of_any_process(shipped: KnownFutures, tmp_path: Folder) -> None:
