@@ -1,7 +1,6 @@
 """Constant acceleration, filtered, and forgotten after a while (Singer's model)."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar, final
 
 import numpy as np
@@ -62,8 +61,7 @@ class ConstantAcceleration(MotionFilter):
         for name in ("acceleration", "time_constant", "speed", "noise_floor"):
             positive(f"constant_acceleration.{name}", getattr(self, name))
 
-    @cached_property
-    def _motion(self) -> "DecayingAcceleration":
+    def _moves(self) -> "DecayingAcceleration":
         return DecayingAcceleration(self.acceleration, self.time_constant, self.speed)
 
 

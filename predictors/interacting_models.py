@@ -5,7 +5,7 @@ Notation: M models, which the code calls modes, and pi_ij the probability that j
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import ClassVar, Literal, final
 
 import numpy as np
@@ -117,8 +117,7 @@ class InteractingModels(MotionFilter):
             return self._kept(beliefs, tracks, steps)
         return forecast(started(beliefs, tracks, self._motion, TRUSTED), steps, "imm")
 
-    @cached_property
-    def _motion(self) -> "SwitchingMotion":
+    def _moves(self) -> "SwitchingMotion":
         return SwitchingMotion(
             (self.steady, self.manoeuvring),
             (self.standing, self.braking),

@@ -1,7 +1,6 @@
 """A Kalman filter with a constant-velocity model."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar, final
 
 import numpy as np
@@ -66,8 +65,7 @@ class Kalman(MotionFilter):
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"kalman.{name}", getattr(self, name))
 
-    @cached_property
-    def _motion(self) -> "DriftingVelocity":
+    def _moves(self) -> "DriftingVelocity":
         return DriftingVelocity(self.acceleration_density, self.speed)
 
 

@@ -180,7 +180,8 @@ class VectorAutoregression(Predictor):
         self._import()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
+        for name, value in state.items():
+            object.__setattr__(self, name, value)
         self._import()
 
     def _import(self) -> None:

@@ -63,7 +63,7 @@ class Loader(yaml.SafeLoader):
             self.refuse(node, "this holds an alias to itself")
         if hasattr(node, "values"):  # an alias
             return node
-        inner = node.value if isinstance(node, yaml.CollectionNode) else ()
+        inner = () if isinstance(node.value, str) else node.value
         entries = (entry if isinstance(entry, tuple) else (entry,) for entry in inner)
         node.values = 1 + sum(getattr(one, "values", 1) for entry in entries for one in entry)
         if node.values > MOST_VALUES:

@@ -37,7 +37,8 @@ def compiled(losses: Callable[..., Any]) -> Program:
 
     def update(state: Any, batch: Any) -> tuple[Any, None]:
         layers, memory, sizes, total = state
-        step, memory = adam.update(slope(layers, sizes, *batch), memory)
+        updated: Any = adam.update(slope(layers, sizes, *batch), memory)
+        step, memory = updated
         rate = 0.5 * RATE * (1 + jnp.cos(jnp.pi * memory.count / total))
         layers = jax.tree.map(lambda p, s: p - rate * s, layers, step)
         return (layers, memory, sizes, total), None

@@ -2,7 +2,8 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, Self
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Self, final
 
 from ...framework.predictor import Filtering, Fittable
 from ...framework.values.beliefs import Beliefs
@@ -23,10 +24,14 @@ class MotionFilter(Filtering, Fittable):
     """What `fit` multiplies by powers of one number. The ratios stay: with them free, scenes left
     out of the fit were forecast worse, as noise against motion is a matter of each recording."""
 
-    @property
     @abstractmethod
+    def _moves(self) -> Motion:
+        """Return how obstacles move."""
+
+    @final
+    @cached_property
     def _motion(self) -> Motion:
-        """How obstacles move."""
+        return self._moves()
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy fitted by `fit_numbers`; see `Fittable.fit`."""
