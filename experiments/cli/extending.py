@@ -42,7 +42,7 @@ class CommandGroup(TyperGroup):
         """
         name = args[0]
         if name not in self.commands and name in _installed():
-            self.commands = {**self.commands, name: _imported(_installed()[name])}
+            self.add_command(_imported(_installed()[name]), name)
         if name not in self.commands and (words := absent("commands", name)):
             raise WideberthError(f"command {words}")
         return super().resolve_command(ctx, args)

@@ -1,9 +1,10 @@
 """Options and arguments that several commands take, for commands of other packages too."""
 
 import os
+from collections.abc import Callable
 from contextlib import chdir
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import typer
 from typer import Argument, Option
@@ -12,6 +13,8 @@ from ...framework.plugins.io import expanded
 from ...framework.plugins.registry import as_data
 from ..engine.places import result_place
 from . import completing
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 Config = Annotated[
     str,
@@ -50,8 +53,10 @@ Plugins = Annotated[
     ),
 ]
 
-reading = as_data(lambda message: typer.secho(f"Note: {message}", err=True))
-"""Of commands that read files of others: no module is imported that these name."""
+
+def reading(command: Command) -> Command:
+    """Decorate a command that reads files of others: no module is imported that these name."""
+    return as_data(lambda message: typer.secho(f"Note: {message}", err=True))(command)
 
 
 def result_folder(name: str) -> Path:
