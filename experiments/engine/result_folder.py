@@ -7,7 +7,6 @@ folder itself: `NAMES`, the folders of tasks, the files that these name, and the
 of a task.
 """
 
-import errno
 import os
 import re
 import shutil
@@ -20,6 +19,7 @@ from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import read_json, write_json, write_text
 from ...framework.plugins.yamlfile import dump, parse, read_config
 from ...framework.values.errors import WideberthError
+from .file_lock import file_lock
 from .inside import files_inside, inside, is_inside
 from .progress import say
 from .tasks import TASKS, flush, read_task, task_folders
@@ -113,23 +113,18 @@ def locked(out: Path) -> Iterator[None]:
     ------
     WideberthError : another run is at work there, or it cannot be written.
     """
-    import filelock
-
     with ExitStack() as held:
         try:
             lock = inside(out, f"{TASKS}/{LOCK}")
             lock.parent.mkdir(parents=True, exist_ok=True)
-            held.enter_context(filelock.FileLock(lock, timeout=0))
-        except filelock.Timeout:
+            held.enter_context(file_lock(lock))
+        except BlockingIOError:
             raise WideberthError(
                 f"another run is at work in {out}; let it finish, stop it, or give another "
                 "folder with --out"
             ) from None
-        except NotImplementedError:  # a system without locks
-            pass
         except OSError as error:
-            if error.errno not in (errno.ENOLCK, errno.ENOTSUP):  # a disk without them
-                raise _unwritable(out, error) from None
+            raise _unwritable(out, error) from None
         yield
 
 

@@ -24,8 +24,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
-
+from wideberth.experiments.engine.file_lock import file_lock
 from wideberth.framework.plugins import code_cache
 from wideberth.framework.plugins.registry import unknown
 from wideberth.framework.values.errors import WideberthError, short
@@ -109,7 +108,7 @@ def _compiled(package: str) -> Path:
     if not path.is_dir():
         print(f"compiling the messages of {package} (once) ...", file=sys.stderr, flush=True)
         try:
-            with FileLock(path.with_name(f".lock-{package}"), timeout=_PATIENCE):
+            with file_lock(path.with_name(f".lock-{package}"), _PATIENCE):
                 if not path.is_dir():
                     wanted.make(path)
         except OSError as error:
