@@ -6,13 +6,14 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework import GaussianObstacle, Region, WideberthError, build, load, names
+from ...framework import GaussianObstacle, Region, WideberthError
 from ...framework.plugins.extras import check_extra
 from ...framework.region import Convex, Relation, Signed
-from ...framework.values.arrays import Array, positive, probability, whole
+from ...framework.values.arrays import Array, positive, whole
 from ..drawing.plotting import COLOURS, LINES, PAGE, subplots, title
 from ..engine.closed_loop import column, group
 from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced
+from .region_gallery import check_regions, region_names, region_of
 
 TOLERANCE = 1e-5
 """Of what the solver leaves, in margins; a smaller gap counts as none."""
@@ -71,9 +72,7 @@ class ConvexCertificates(GridStudy):
     points: int = 12
 
     def __post_init__(self) -> None:
-        probability("tail", self.tail)
-        if not (self.regions or self.registered):
-            raise WideberthError("regions is empty; name one, or set registered to true")
+        check_regions(self.regions, self.registered, self.tail)
         check_extra("cvxpy", "certificates", "convex_certificates needs CVXPY")
         positive("margin", self.margin)
         whole("directions", self.directions, least=8)
@@ -88,21 +87,15 @@ class ConvexCertificates(GridStudy):
 
     def axes(self) -> Axes:
         """Each region with each condition number."""
-        return {"region": self._names(), "condition": self.conditions}
-
-    def _names(self) -> list[str]:
-        """Return the given regions, then the registered ones that are convex."""
-        found = list(self.regions)
-        for name in names("regions") if self.registered else ():
-            kind = load("regions", name)
-            if name not in found and issubclass(kind, Convex) and 2 in kind.dimensions:
-                found.append(name)
-        return found
+        return {
+            "region": region_names(self.regions, self.registered, Convex),
+            "condition": self.conditions,
+        }
 
     def measure(self, task: Task) -> TaskOutcome:
         """Solve the three programs for one region and covariance."""
         name, condition = str(task.settings["region"]), float(task.settings["condition"])
-        region = self.regions[name] if name in self.regions else build("regions", name)
+        region = region_of(self.regions, name)
         assert isinstance(region, Convex)
         row: Row = {"region": name, "condition": condition, "declared": str(region.relation)}
         deviations = self._deviations(condition)

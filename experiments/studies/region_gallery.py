@@ -38,6 +38,34 @@ _LENGTHS = ("clearance_lost", "gap_min", "gap_max", "gap_mean")
 """Differences of lengths in m, known to about 1e-12 m."""
 
 
+def check_regions(given: Mapping[str, Region], registered: bool, tail: float) -> None:
+    """Refuse a study without a region, and a tail that is no probability."""
+    probability("tail", tail)
+    if not (given or registered):
+        raise WideberthError("regions is empty; name one, or set registered to true")
+
+
+def region_names(given: Mapping[str, Region], registered: bool, kind: type = Region) -> list[str]:
+    """Return the given regions, then the registered ones of a kind that none is named after."""
+    found = list(given)
+    for name in names("regions") if registered else ():
+        one: Any = load("regions", name)
+        if name not in given and issubclass(one, kind) and 2 in one.dimensions:
+            found.append(name)
+    return found
+
+
+def region_of(given: Mapping[str, Region], name: str) -> Region:
+    """Return the given region of this name, or the registered one with its defaults.
+
+    Raises
+    ------
+    WideberthError : no such region, or one that cannot be built without settings.
+    """
+    region: Region = given[name] if name in given else build("regions", name)
+    return region
+
+
 @final
 @dataclass(frozen=True)
 class RegionGallery(GridStudy):
@@ -71,9 +99,7 @@ class RegionGallery(GridStudy):
     reference: ClassVar[str] = "schoeneberg2025trajectory"
 
     def __post_init__(self) -> None:
-        probability("tail", self.tail)
-        if not (self.regions or self.registered):
-            raise WideberthError("regions is empty; name one, or set registered to true")
+        check_regions(self.regions, self.registered, self.tail)
         positive("margin", self.margin, zero=True)
         for deviation in self.deviations:
             positive("deviations", deviation, zero=True)
@@ -84,18 +110,14 @@ class RegionGallery(GridStudy):
 
     def axes(self) -> Axes:
         """Each given region, then every registered one that no given one is named after."""
-        found = list(self.regions)
-        if self.registered:
-            others = [name for name in names("regions") if name not in found]
-            found += [name for name in others if 2 in load("regions", name).dimensions]
-        return {"region": found}
+        return {"region": region_names(self.regions, self.registered)}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Read the meter, and keep the outline beside the exact sum's."""
         name = str(task.settings["region"])
         obstacle = GaussianObstacle(np.zeros(2), self._covariance())
         try:
-            region = self.regions[name] if name in self.regions else build("regions", name)
+            region = region_of(self.regions, name)
             level = region.level(self.tail)
             row = {"region": name, **reading(region, obstacle, self.margin, level)}
         except WideberthError as error:
