@@ -49,8 +49,8 @@ def clopper_pearson(successes: int, trials: int, tail: float = 0.05) -> tuple[fl
         raise WideberthError(f"successes is {k} of {n} trials; wanted no more than the trials")
     if not n:
         return 0.0, 1.0
-    found: Any = proportion_confint(k, n, alpha=tail, method="beta")
-    return float(found[0]), float(found[1])
+    interval: Any = proportion_confint(k, n, alpha=tail, method="beta")
+    return float(interval[0]), float(interval[1])
 
 
 def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
@@ -83,8 +83,8 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     if not np.isin(np.concatenate([one, two]), (0.0, 1.0)).all():
         raise WideberthError("first and second must hold successes: true or false in every pair")
     differing = [[0, int(np.sum(one > two))], [int(np.sum(two > one)), 0]]
-    found: Any = exact(differing, exact=True)
-    return float(found.pvalue)
+    test: Any = exact(differing, exact=True)
+    return float(test.pvalue)
 
 
 def signed_rank(differences: Array) -> float:

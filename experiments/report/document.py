@@ -56,9 +56,8 @@ def _section(folder: Path, out: Path) -> str:
         draw(folder)
     summary = read_table(inside(folder, "summary.csv"))
     blocks = [f"## {plain(result.name)}", plain(experiment.claim if experiment else "")]
-    blocks.append(
-        markdown_text(of_rows(study_of(folder), summary, answering(study_of(folder), summary)))
-    )
+    study = study_of(folder)
+    blocks.append(markdown_text(of_rows(study, summary, answering(study, summary))))
     for path in files_inside(folder, "figures"):
         if path.suffix in (".png", ".gif"):
             place = Path(os.path.relpath(path, out.parent)).as_posix()

@@ -6,6 +6,7 @@ The same content gives the same bytes, and a file that cannot be used gives one 
 import io
 import json
 import os
+import stat
 import tempfile
 import zipfile
 from collections.abc import Mapping
@@ -34,11 +35,12 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """
     path = Path(path)
     try:
-        if path.exists() and not path.is_file() and not path.is_dir():
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
             raise WideberthError(f"{path} cannot be read: it is a pipe or a device; wanted a file")
-        if (size := path.stat().st_size) > most:
+        if status.st_size > most:
             raise WideberthError(
-                f"{path} cannot be read: it has {size} bytes; wanted at most {most}"
+                f"{path} cannot be read: it has {status.st_size} bytes; wanted at most {most}"
             )
         with path.open("rb") as file:
             return file.read(most)
